@@ -69,7 +69,7 @@ class CapturedFrame:
     One captured image.
 
     :param image: immutable (h, w) or (h, w, c) array of any byte order; for ``JPEG`` frames the
-        compressed bytes, (n,) uint8.
+        compressed bytes, (n,) uint8. That of a camera is valid until the next frame.
     :param encoding: sensor_msgs/Image encoding of the image, such as ``'bgr8'``, or ``JPEG``.
     :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC. For a frame of a file, the
         time at which the frame was due; the player sets it, the source leaves 0.
@@ -147,7 +147,7 @@ class LiveSource(_Readable, Protocol):
 
     def wait(self, seconds: float) -> bool:
         """
-        Wait for a frame.
+        Wait for a frame. The memory of the last one is filled again.
 
         :param seconds: timeout in seconds.
         :returns: False when the timeout has passed.

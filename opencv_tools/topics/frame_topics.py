@@ -61,21 +61,20 @@ class FrameTopics:
                     or self.compressed.get_subscription_count())
 
     def publish_raw(
-        self, make: Callable[[Lend], tuple[WireImage, Slot | None]], *, is_shared: bool = True,
+        self, make: Callable[[Lend], tuple[WireImage, Slot | None]],
     ) -> bool | None:
         """
         Publish a raw image, if somebody receives it.
 
         :param make: creates the image, and returns the lent memory that has its pixels, see
             `SharedFramePublisher.publish`; its argument lends memory.
-        :param is_shared: whether subscribers may receive it by shared memory.
         :returns: whether it was published on the image topic; None if nobody receives it.
         """
         is_message = self.images.get_subscription_count() > 0
-        if not is_message and not (is_shared and self.shared.has_subscribers):
+        if not is_message and not self.shared.has_subscribers:
             return None
-        image, slot = make(self.shared.lend if is_shared else _lend_nothing)
-        self.shared.publish(image, is_message=is_message, is_shared=is_shared, slot=slot)
+        image, slot = make(self.shared.lend)
+        self.shared.publish(image, is_message=is_message, slot=slot)
         return is_message
 
     def publish_compressed(self, make: Callable[[], Any]) -> bool:
@@ -95,7 +94,3 @@ class FrameTopics:
         self.shared.destroy()
         self._node.destroy_publisher(self.images)
         self._node.destroy_publisher(self.compressed)
-
-
-def _lend_nothing(_size: int) -> None:
-    return None

@@ -61,7 +61,8 @@ class CameraSource:
         self.missed = 0
         self.warnings: list[str] = []
         self._sequence = -1
-        self._held: DequeuedBuffer | None = None
+        self._held: DequeuedBuffer | None = None  # not read yet
+        self._lent: DequeuedBuffer | None = None  # memory of the last frame
         check_device(device)
         with capture_errors(self.name), ExitStack() as stack:
             self._device = stack.enter_context(closing(VideoDevice(device)))
@@ -70,8 +71,10 @@ class CameraSource:
 
     def wait(self, seconds: float) -> bool:
         with capture_errors(self.name):
+            of_driver = self._device.buffers - bool(self._lent or self._held)
+            self._requeue()
             if self._device.wait(seconds):
-                self._dequeue_newest()
+                self._dequeue_newest(of_driver)
         return self._held is not None
 
     def skip(self) -> None:
@@ -81,12 +84,8 @@ class CameraSource:
     def read(self) -> CapturedFrame:
         if self._held is None:
             raise BrokenFrameError(f'camera {self.name} has no frame yet')
-        held = self._held
-        with capture_errors(self.name):
-            try:
-                return self._to_frame(held)
-            finally:
-                self._requeue()
+        self._lent, self._held = self._held, None
+        return self._to_frame(self._lent)
 
     def close(self) -> None:
         self._device.close()
@@ -150,9 +149,12 @@ class CameraSource:
             except UnavailableError as err:
                 self.warnings.append(str(err))
 
-    def _dequeue_newest(self) -> None:
-        """Dequeue the newest filled buffer and requeue the older ones."""
-        self._requeue()
+    def _dequeue_newest(self, of_driver: int) -> None:
+        """
+        Dequeue the newest filled buffer and requeue the older ones.
+
+        :param of_driver: number of buffers that the driver could fill.
+        """
         filled = 0
         while (buffer := self._device.dequeue()) is not None:
             if self._held:
@@ -162,28 +164,29 @@ class CameraSource:
                 self.missed += max(0, buffer.sequence - self._sequence - 1)
             self._held, self._sequence = buffer, buffer.sequence
             filled += 1
-        if filled == self._device.buffers:
+        if filled >= of_driver:
             # All buffers were full, so the driver has dropped newer frames than these. This frame
             # is old; the next one will be the newest.
             self._requeue()
             self.missed += 1
 
     def _to_frame(self, buffer: DequeuedBuffer) -> CapturedFrame:
-        """Return a copy of the frame in a buffer."""
+        """Return the frame in a buffer."""
         if buffer.broken:
             raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
         stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
         if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
             stamp_ns = now_ns
-        image = read_pixels(self._pixel_format, self._device.copy_image(buffer),
+        image = read_pixels(self._pixel_format, self._device.image(buffer),
                             self._mode.height, self._mode.width, self._step)
         return CapturedFrame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
-        """Requeue the held buffer."""
-        if self._held:
-            held, self._held = self._held, None
-            self._device.requeue(held.index)
+        """Let the driver fill the memory of the last frame and of the held one again."""
+        for buffer in (self._lent, self._held):
+            if buffer:
+                self._device.requeue(buffer.index)
+        self._lent = self._held = None
 
 
 def _changes(

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import ctypes
 from dataclasses import dataclass
 import errno
@@ -36,7 +36,7 @@ from opencv_tools.capture.v4l2.videodev2 import try_ioctl
 from opencv_tools.image.text import printable
 
 # Enough for the driver to capture while one buffer is read and another one waits to be read.
-_BUFFERS = 4
+_BUFFERS = 5  # one of them is published
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,12 +98,17 @@ class VideoDevice:
                       else videodev2.V4L2_BUF_TYPE_VIDEO_CAPTURE)
 
     def close(self) -> None:
-        """Stop streaming and close the device. A second call has no effect."""
+        """
+        Stop streaming and close the device. A second call has no effect.
+
+        A view of an image keeps the device open until it is gone.
+        """
         with self._lock:
             if self._fd < 0:
                 return
             for mapped in self._maps:
-                mapped.close()
+                with suppress(BufferError):  # then the last view of an image closes it
+                    mapped.close()
             self._maps.clear()
             os.close(self._fd)
             self._fd = -1
@@ -231,9 +236,9 @@ class VideoDevice:
             stamp_ns=seconds * 10**9 + microseconds * 1000 if is_monotonic else 0,
             broken=bool(buffer.flags & videodev2.V4L2_BUF_FLAG_ERROR))
 
-    def copy_image(self, buffer: DequeuedBuffer) -> bytes:
-        """Return a copy of the image in a buffer."""
-        return self._maps[buffer.index][buffer.start:buffer.stop]
+    def image(self, buffer: DequeuedBuffer) -> memoryview:
+        """Return a view of the image in a buffer, until the driver fills it again."""
+        return memoryview(self._maps[buffer.index])[buffer.start:buffer.stop]
 
     def requeue(self, index: int) -> None:
         """Queue the buffer with an index, so that the driver can fill it again."""

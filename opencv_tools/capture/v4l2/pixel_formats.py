@@ -35,7 +35,8 @@ _BIG_ENDIAN = 1 << 31
 _BIG_ENDIAN_SUFFIX = '-BE'
 
 #: Function that converts a buffer to an array: data, height and width in pixels, bytes a line.
-Reader = Callable[[bytes, int, int, int], NDArray[Any]]
+Buffer = bytes | memoryview
+Reader = Callable[[Buffer, int, int, int], NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -54,14 +55,14 @@ class PixelFormat:
 
 
 def _read_pixels(
-    encoding: str, data: bytes, height: int, width: int, step: int,
+    encoding: str, data: Buffer, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """Return a view of pixels that have an encoding of ROS."""
     return view_pixels(data, height, width, step, find_encoding(encoding))
 
 
 def _read_planes(
-    conversion: int, data: bytes, height: int, width: int, step: int,
+    conversion: int, data: Buffer, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """
     Convert a luma plane and two chroma planes to BGR, because ROS has no such encoding.
@@ -75,8 +76,8 @@ def _read_planes(
     return cv2.cvtColor(planes, conversion)
 
 
-def _read_jpeg(data: bytes, _height: int, _width: int, _step: int) -> NDArray[Any]:
-    return np.frombuffer(data, np.uint8)
+def _read_jpeg(data: Buffer, _height: int, _width: int, _step: int) -> NDArray[Any]:
+    return np.frombuffer(bytes(data), np.uint8)  # small, and checked before it is decoded
 
 
 def _raw(fourcc: str, encoding: str) -> PixelFormat:
@@ -125,7 +126,7 @@ def unpack_fourcc(number: int) -> str:
 
 
 def read_pixels(
-    pixel_format: PixelFormat, data: bytes, height: int, width: int, step: int,
+    pixel_format: PixelFormat, data: Buffer, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """
     Convert the data of a camera buffer to an array.
@@ -135,7 +136,7 @@ def read_pixels(
     :param height: height of the image in pixels.
     :param width: width of the image in pixels.
     :param step: bytes from the start of one line to the start of the next.
-    :returns: array with the encoding of the format: for ``JPEG`` the bytes themselves, (n,) uint8;
+    :returns: array with the encoding of the format: for ``JPEG`` a copy of the bytes, (n,) uint8;
         a converted copy for YU12 and YV12; otherwise a view of the data, copied only where
         padding splits the chroma.
     :raises BrokenFrameError: the data are shorter than an image.

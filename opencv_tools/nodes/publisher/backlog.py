@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Published messages that reliable subscribers have not confirmed yet."""
+"""Published frames that subscribers have not received yet."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from threading import Event
 import time
 
 from opencv_tools.logs import Log
@@ -25,6 +26,7 @@ from rclpy.publisher import Publisher
 
 # rclpy blocks the interpreter while it waits for confirmations. It is polled without a wait.
 _POLL_SECONDS = 0.002
+_SEND_SECONDS = 0.01  # each time costs a copy
 _LOGGED_AFTER_SECONDS = 2.0
 # A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
 # killed subscriber stays in the graph for 20 s, and the other subscribers wait meanwhile.
@@ -33,11 +35,14 @@ _TIMEOUT_SECONDS = 10.0
 
 class Backlog:
     """
-    Count the messages that publishers keep until reliable subscribers have confirmed them.
+    Wait for slow subscribers.
+
+    A wait ends after 10 s. Then there is none until they have received everything.
 
     A publisher keeps as many messages as its depth. One message more overwrites the oldest, which
     is lost to a subscriber that has not received it. A best-effort publisher and best-effort
-    subscribers confirm nothing and are not waited for.
+    subscribers confirm nothing and are not waited for. A reader of shared memory has room for some
+    frames.
     """
 
     def __init__(
@@ -55,33 +60,48 @@ class Backlog:
         self._log = log
         self._clock = clock
         self._sleep = sleep
+        self._lacks_room = False  # for the last shared frame
         self._may_wait = True
+        self._stopped = Event()
+
+    def stop(self) -> None:
+        """End all waits."""
+        self._stopped.set()
 
     def add(self, publisher: Publisher) -> None:
         """Count a published message."""
         self._unconfirmed[publisher] += 1
 
-    def wait_for_room(self, is_stopped: Callable[[], bool]) -> bool:
+    def wait_for_room(self) -> bool:
         """
         Wait until another message of each publisher would not overwrite an unconfirmed one.
 
-        The wait ends after 10 s. Then there is no wait until everything is confirmed.
-
-        :param is_stopped: returns whether to end the wait.
         :returns: whether there is room.
         """
-        return self._wait(self._has_room, is_stopped)
+        return self._wait(self._has_room)
 
-    def wait_for_all(self, is_stopped: Callable[[], bool]) -> bool:
+    def wait_for_all(self) -> bool:
         """
-        Wait until all messages are confirmed, for at most 10 s.
+        Wait until all messages are confirmed.
 
-        :param is_stopped: returns whether to end the wait.
         :returns: whether all messages are confirmed.
         """
-        return self._wait(lambda: not any(self._unconfirmed.values()), is_stopped)
+        return self._wait(lambda: not any(self._unconfirmed.values()))
 
-    def _wait(self, condition: Callable[[], bool], is_stopped: Callable[[], bool]) -> bool:
+    def deliver(self, send: Callable[[], bool]) -> bool:
+        """
+        Send a frame to the readers of shared memory again and again, until all have room for it.
+
+        :param send: sends the frame and returns whether all readers had room for it.
+        :returns: whether all readers have the frame.
+        """
+        def is_sent() -> bool:
+            self._lacks_room = not send()
+            return not self._lacks_room
+
+        return self._wait(is_sent, _SEND_SECONDS)
+
+    def _wait(self, condition: Callable[[], bool], poll_seconds: float = _POLL_SECONDS) -> bool:
         self._update()
         began = self._clock()
         is_logged = False
@@ -90,15 +110,15 @@ class Backlog:
             if self._may_wait and waited > _TIMEOUT_SECONDS:
                 self._may_wait = False
                 self._log.warning(
-                    'a reliable subscriber has not confirmed the last frames for '
+                    'a subscriber has not received the last frames for '
                     f'{_TIMEOUT_SECONDS:g} s; the publisher no longer waits for it, and it may '
                     'lose frames')
-            if is_stopped() or not self._may_wait:
+            if self._stopped.is_set() or not self._may_wait:
                 return False
             if waited > _LOGGED_AFTER_SECONDS and not is_logged:
                 is_logged = True
-                self._log.info('waiting for a reliable subscriber to confirm the last frames')
-            self._sleep(_POLL_SECONDS)
+                self._log.info('waiting for a subscriber that has not received the last frames')
+            self._sleep(poll_seconds)
             self._update()
         return True
 
@@ -111,4 +131,4 @@ class Backlog:
         for publisher in self._unconfirmed:
             if publisher.wait_for_all_acked(Duration()):
                 self._unconfirmed[publisher] = 0
-        self._may_wait = self._may_wait or not any(self._unconfirmed.values())
+        self._may_wait |= not (any(self._unconfirmed.values()) or self._lacks_room)

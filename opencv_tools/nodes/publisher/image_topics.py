@@ -107,18 +107,19 @@ class ImageTopics:
         :param output: frame to publish.
         :param stamp: stamp of the messages.
         :param frame_id: coordinate frame of the camera.
-        :param is_live: whether the frame may be shared; a subscriber that is late loses shared
-            frames, while the publisher of a file waits for it.
+        :param is_live: whether a subscriber that is late loses frames; the publisher of a file
+            waits for it.
         :returns: whether any topic has a subscriber.
         :raises ImageError: the frame cannot be decoded or converted.
         """
         header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         failure: ImageError | None = None
         is_published = False
+        self._topics.shared.deliver = None if is_live else self.backlog.deliver
         try:
             # All other work is done after the pixels are on their way.
             is_message = self._topics.publish_raw(
-                lambda lend: _wire_image(output, header, lend), is_shared=is_live)
+                lambda lend: _wire_image(output, header, lend))
             is_published = is_message is not None
             if is_message:
                 self._check_room(output.image.nbytes)

@@ -95,15 +95,16 @@ class PublishLoop:
         try:
             for frame in self._grabber.frames():
                 if not self._is_live():  # a file can wait, but a camera cannot
-                    self._topics.backlog.wait_for_room(lambda: self._grabber.stopped)
+                    self._topics.backlog.wait_for_room()
                 self._publish(frame)
+                del frame  # otherwise a camera that is reopened would be in use
                 if self.settings.max_frames == self._progress.count > 0:
                     break
             if not self._grabber.stopped:
                 if not self._progress.count:
                     raise CaptureError(
                         f'{self.settings.shown_source}: no frame could be published')
-                self._topics.backlog.wait_for_all(lambda: self._grabber.stopped)
+                self._topics.backlog.wait_for_all()
         except CaptureError as err:
             self._log.error(str(err))
             self._controls.report_unused()
@@ -116,6 +117,7 @@ class PublishLoop:
     def stop(self) -> None:
         """End ``run`` before the next frame."""
         self._grabber.stop()
+        self._topics.backlog.stop()
 
     def summary(self) -> str:
         """Return the numbers of published and lost frames as a sentence."""

@@ -40,7 +40,7 @@ from opencv_tools.transport.shared_frames.writer import FrameWriter
 SHARED_MEMORY = Path('/dev/shm')
 RESERVE_BYTES = 1 << 18
 MAX_READERS = 16
-MAX_DEPTH = 16  # frames that wait for a reader; the oldest is overwritten
+MAX_DEPTH = 16  # frames that wait for a reader
 
 
 class FrameMemory:
@@ -89,16 +89,18 @@ class FrameMemory:
         with suppress(SharedMemoryError), shared_memory_errors():
             self._node.try_cleanup_dead_nodes()
 
-    def create_writer(self, frame_bytes: int) -> FrameWriter:
+    def create_writer(self, frame_bytes: int, *, overwrites: bool = True) -> FrameWriter:
         """
         Create a writer with a service of its own.
 
         :param frame_bytes: expected size of a frame; larger frames are possible.
+        :param overwrites: whether a frame replaces the oldest one that waits for a slow reader;
+            otherwise this reader does not get the frame.
         :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
         """
         self.check_room(frame_bytes)
         with shared_memory_errors():
-            return FrameWriter(self, uuid.uuid4().hex, frame_bytes)
+            return FrameWriter(self, uuid.uuid4().hex, frame_bytes, overwrites)
 
     def open_reader(
         self, service: str, depth: int, max_views: int = MAX_VIEWS,
@@ -131,16 +133,16 @@ class FrameMemory:
         frames = (
             builder().publish_subscribe(self._iceoryx2.Slice[ctypes.c_uint8])
             .user_header(FrameHeader).max_publishers(1).max_subscribers(MAX_READERS)
-            .max_nodes(MAX_READERS + 2).history_size(0).enable_safe_overflow(True)
-            .subscriber_max_buffer_size(MAX_DEPTH)
+            .max_nodes(MAX_READERS + 2).history_size(0).subscriber_max_buffer_size(MAX_DEPTH)
             .subscriber_max_borrowed_samples(MAX_VIEWS + 1))
         events = (builder().event().max_listeners(MAX_READERS).max_notifiers(1)
                   .max_nodes(MAX_READERS + 2))
         return frames, events
 
-    def growing(self) -> Any:
-        """Return the strategy that lets frames grow."""
-        return self._iceoryx2.AllocationStrategy.PowerOfTwo
+    def strategies(self) -> tuple[Any, Any]:
+        """Return the strategies that let frames grow, and that never wait for a reader."""
+        return (self._iceoryx2.AllocationStrategy.PowerOfTwo,
+                self._iceoryx2.BackpressureStrategy.DiscardData)
 
     def duration(self, seconds: float) -> Any:
         """Return a duration of iceoryx2."""

@@ -37,8 +37,8 @@ class ServiceMemory(Protocol):
     def builders(self, service: str) -> tuple[Any, Any]:
         """Return the builders of the frames and of the events of a service."""
 
-    def growing(self) -> Any:
-        """Return the strategy that lets frames grow."""
+    def strategies(self) -> tuple[Any, Any]:
+        """Return the strategies that let frames grow, and that never wait for a reader."""
 
     def duration(self, seconds: float) -> Any:
         """Return a duration of iceoryx2."""

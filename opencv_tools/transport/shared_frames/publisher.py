@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import importlib.util
 from threading import RLock
 import time
@@ -45,6 +46,10 @@ NOT_SHARED = ('frames cannot be shared with this process, because iceoryx2 is no
               f'OPENCV_TOOLS_TRANSPORT is default; {installation("iceoryx2")}, or set '
               'transport:=auto')
 
+# Calls a function that sends a frame to readers, and that returns whether all had room for it. It
+# may call it again: readers ignore a repeated frame.
+Deliver = Callable[[Callable[[], bool]], object]
+
 
 def can_share() -> bool:
     """Return whether this process can share frames: with iceoryx2 and without rclpy's copies."""
@@ -68,6 +73,9 @@ class SharedFramePublisher:
         """
         self._node = node
         self._images = images
+        #: Waits for readers without room; set before the first frame if frames can wait. Without
+        #: it a frame replaces the oldest one that a reader has not received.
+        self.deliver: Deliver | None = None
         self._log = Log(node.get_logger())
         # Frames have the order of their numbers. Memory is not lent again before its message is
         # published.
@@ -109,15 +117,13 @@ class SharedFramePublisher:
                 return None
 
     def publish(
-        self, image: WireImage, *, is_message: bool, is_shared: bool = True,
-        slot: Slot | None = None,
+        self, image: WireImage, *, is_message: bool, slot: Slot | None = None,
     ) -> None:
         """
         Publish a frame.
 
         :param image: the frame.
         :param is_message: whether to publish it on the image topic.
-        :param is_shared: whether subscribers may receive it by shared memory.
         :param slot: lent memory that has the pixels of the frame; None to copy them. No other view
             of it may be left, because another thread may get the memory after the call.
         :raises CdrError: a string cannot be part of a message.
@@ -126,8 +132,7 @@ class SharedFramePublisher:
         with self._lock:
             if is_message and self._frames - self._messages != self._announced_only_shared:
                 self._announce(self._writer.service if self._writer and self._is_announced else '')
-            if is_shared:
-                self._share(image, is_message, slot)
+            self._share(image, is_message, slot)
             self._frames += 1
             if is_message:
                 publish_image(self._images.handle, image)
@@ -148,14 +153,20 @@ class SharedFramePublisher:
                 self._writer = None  # its readers have left; others need the memory
             return
         data = np.frombuffer(image.data, np.uint8)
-        try:
+
+        def send() -> bool:
+            nonlocal slot
+            filled, slot = slot, None
             writer = self._writer_with_room(data.nbytes)
             if writer is None:
-                return
-            if slot is None or slot.writer is not writer:
-                slot = writer.lend(data.nbytes)
-                np.copyto(slot.data, data)
-            self._send(slot, image, is_message)
+                return True
+            if filled is None or filled.writer is not writer:
+                filled = writer.lend(data.nbytes)
+                np.copyto(filled.data, data)
+            return self._send(filled, image, is_message)
+
+        try:
+            self.deliver(send) if self.deliver else send()
         except SharedMemoryError as err:
             self._withdraw(err)
 
@@ -186,14 +197,15 @@ class SharedFramePublisher:
             self._withdraw(err)
             return
         if self._writer is None:
-            self._writer = memory.create_writer(frame_bytes)
+            self._writer = memory.create_writer(frame_bytes, overwrites=self.deliver is None)
         if not self._is_announced:
             self._announce(self._writer.service)
 
-    def _send(self, slot: Slot, image: WireImage, is_message: bool) -> None:
+    def _send(self, slot: Slot, image: WireImage, is_message: bool) -> bool:
         """
         Send a filled slot.
 
+        :returns: whether all readers had room for it.
         :raises SharedMemoryError: the texts are too long, or iceoryx2 failed.
         """
         header = image.header
@@ -203,7 +215,7 @@ class SharedFramePublisher:
             height=image.height, width=image.width, step=image.step,
             is_bigendian=image.is_bigendian)
         fields.identity[:] = self._identity
-        slot.publish(fields, header.frame_id, image.encoding)
+        return slot.publish(fields, header.frame_id, image.encoding)
 
     def _withdraw(self, err: SharedMemoryError) -> None:
         """Have subscribers return to the image topic; the service remains while it has readers."""

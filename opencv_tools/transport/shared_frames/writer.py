@@ -61,11 +61,12 @@ class Slot:
         self.writer.loans.add(memory)
         return np.asarray(memory), weakref.ref(memory)
 
-    def publish(self, header: FrameHeader, frame_id: str, encoding: str) -> None:
+    def publish(self, header: FrameHeader, frame_id: str, encoding: str) -> bool:
         """
-        Send the frame to the readers. The memory must not be used any more.
+        Send the frame to the readers. The memory must not be written to any more.
 
         :param header: fields of the frame; the sizes are set here.
+        :returns: whether all readers had room for the frame.
         :raises SharedMemoryError: the texts are too long, or iceoryx2 failed.
         """
         texts = frame_id.encode(), encoding.encode()
@@ -77,7 +78,7 @@ class Slot:
         self._payload[size:end] = np.frombuffer(b''.join(texts), np.uint8)
         header.data_size = size
         header.frame_id_size, header.encoding_size = map(len, texts)
-        self.writer.send(self._sample, header)
+        return self.writer.send(self._sample, header)
 
 
 class FrameWriter:
@@ -88,7 +89,9 @@ class FrameWriter:
     # Upper limit for the fields of iceoryx2 and ours before the pixels.
     _HEADER_BYTES = 4096
 
-    def __init__(self, memory: ServiceMemory, service: str, frame_bytes: int) -> None:
+    def __init__(
+        self, memory: ServiceMemory, service: str, frame_bytes: int, overwrites: bool,
+    ) -> None:
         """Create the service; see `FrameMemory.create_writer`."""
         self.service = service
         self._memory = memory
@@ -97,10 +100,12 @@ class FrameWriter:
         #: Memory that users hold.
         self.loans: weakref.WeakSet[_LoanedMemory] = weakref.WeakSet()
         frames, events = memory.builders(service)
-        self._frames = frames.create()
+        self._frames = frames.enable_safe_overflow(overwrites).create()
+        growing, discarding = memory.strategies()
         self._publisher = (
             self._frames.publisher_builder().initial_max_slice_len(self._largest)
-            .allocation_strategy(memory.growing()).max_loaned_samples(MAX_LOANS + 1).create())
+            .allocation_strategy(growing).backpressure_strategy(discarding)
+            .max_loaned_samples(MAX_LOANS + 1).create())
         self._notifier = events.create().notifier_builder().create()
 
     @property
@@ -128,12 +133,14 @@ class FrameWriter:
                 self._allocated[sample.payload_ptr] = needed
             return Slot(self, sample, size)
 
-    def send(self, sample: Any, header: FrameHeader) -> None:
+    def send(self, sample: Any, header: FrameHeader) -> bool:
         """Send a filled slot, see `Slot.publish`."""
         with shared_memory_errors():
             ctypes.memmove(sample.user_header_ptr, ctypes.byref(header), ctypes.sizeof(header))
-            sample.assume_init().send()
+            readers = self.readers
+            received = sample.assume_init().send()
             self._notifier.notify()
+            return bool(received >= readers)
 
 
 def _as_array(address: int, size: int) -> Pixels:

@@ -33,8 +33,8 @@ from rclpy.qos import QoSProfile
 
 Start = Callable[..., NodeProcess]
 
-WAITING_LINE = 'waiting for a reliable subscriber to confirm the last frames'
-TIMEOUT_LINE = ('a reliable subscriber has not confirmed the last frames for 10 s; '
+WAITING_LINE = 'waiting for a subscriber that has not received the last frames'
+TIMEOUT_LINE = ('a subscriber has not received the last frames for 10 s; '
                 'the publisher no longer waits for it, and it may lose frames')
 
 
@@ -77,28 +77,25 @@ def log() -> FakeLog:
     return FakeLog()
 
 
-def never() -> bool:
-    return False
-
-
 @pytest.mark.parametrize('depth', [1, 3, 10])
 def test_room_for_as_many_messages_as_the_depth(log: FakeLog, depth: int) -> None:
     channel = Channel(depth)
     backlog = Backlog([channel], Log(log), log.clock, log.sleep)
     for _ in range(depth):
-        assert backlog.wait_for_room(never)
+        assert backlog.wait_for_room()
         backlog.add(channel)
     assert log.now == 100.0
-    stops = count()
-    assert not backlog.wait_for_room(lambda: next(stops) == 5)
+    sleeps = count(1)
+    log.on_sleep = lambda: backlog.stop() if next(sleeps) == 5 else None
+    assert not backlog.wait_for_room()
     assert log.now == pytest.approx(100.0 + 5 * 0.002)
     channel.is_confirmed = True
-    assert backlog.wait_for_room(never)
+    assert backlog.wait_for_room()
     channel.is_confirmed = False
     for _ in range(depth):
-        assert backlog.wait_for_room(never)
+        assert backlog.wait_for_room()
         backlog.add(channel)
-    assert not backlog.wait_for_room(lambda: True)
+    assert not backlog.wait_for_room()
 
 
 def test_wait_for_each_topic(log: FakeLog) -> None:
@@ -107,9 +104,8 @@ def test_wait_for_each_topic(log: FakeLog) -> None:
     first.is_confirmed = True
     for channel in channels:
         backlog.add(channel)
-    assert not backlog.wait_for_room(lambda: True)
     log.on_sleep = lambda: setattr(second, 'is_confirmed', log.now > 100.5)
-    assert backlog.wait_for_room(never)
+    assert backlog.wait_for_room()
     assert log.now == pytest.approx(100.5, abs=0.003)
     assert log.lines == []
 
@@ -118,38 +114,89 @@ def test_timeout_of_10_s_until_the_next_confirmation(log: FakeLog) -> None:
     channel = Channel(1)
     backlog = Backlog([channel], Log(log), log.clock, log.sleep)
     backlog.add(channel)
-    assert not backlog.wait_for_room(never)
+    assert not backlog.wait_for_room()
     assert log.lines == [(2.0, WAITING_LINE), (10.0, TIMEOUT_LINE)]
     timeout_at = log.now
     backlog.add(channel)
-    assert not backlog.wait_for_room(never)
-    assert not backlog.wait_for_all(never)
+    assert not backlog.wait_for_room()
+    assert not backlog.wait_for_all()
     assert log.now == timeout_at
 
     channel.is_confirmed = True
-    assert backlog.wait_for_room(never)
+    assert backlog.wait_for_room()
     channel.is_confirmed = False
     backlog.add(channel)
-    assert not backlog.wait_for_room(lambda: log.now > timeout_at + 5)
+    log.on_sleep = lambda: backlog.stop() if log.now > timeout_at + 5 else None
+    assert not backlog.wait_for_room()
+    assert log.now > timeout_at + 5
     assert [text for _, text in log.lines] == [WAITING_LINE, TIMEOUT_LINE, WAITING_LINE]
 
 
 def test_wait_for_all_messages(log: FakeLog) -> None:
     channel = Channel(10)
     backlog = Backlog([channel], Log(log), log.clock, log.sleep)
-    assert backlog.wait_for_all(never)
+    assert backlog.wait_for_all()
     backlog.add(channel)
-    assert backlog.wait_for_room(never)
-    assert not backlog.wait_for_all(lambda: True)
+    assert backlog.wait_for_room()
     log.on_sleep = lambda: setattr(channel, 'is_confirmed', log.now > 101.0)
-    assert backlog.wait_for_all(never)
+    assert backlog.wait_for_all()
     assert log.now == pytest.approx(101.0, abs=0.003)
 
 
-@pytest.mark.parametrize('on_overflow', ['drop', 'block'])
+def test_shared_frame_is_sent_until_all_readers_have_room(log: FakeLog) -> None:
+    backlog = Backlog([], Log(log), log.clock, log.sleep)
+    times: list[float] = []
+
+    def send() -> bool:
+        times.append(log.now)
+        return log.now >= has_room_at
+
+    has_room_at = 0.0
+    assert backlog.deliver(send)
+    has_room_at = 100.03
+    assert backlog.deliver(send)
+    assert times == pytest.approx([100.0, 100.0, 100.01, 100.02, 100.03])
+    has_room_at = 200.0
+    assert not backlog.deliver(send)
+    assert log.lines == [(2.0, WAITING_LINE), (10.0, TIMEOUT_LINE)]
+    times.clear()
+    assert not backlog.deliver(send)  # the reader has no room since then
+    assert len(times) == 1
+    log.now = 200.0
+    assert backlog.deliver(send)
+    has_room_at = 201.0
+    assert backlog.deliver(send)
+    backlog.stop()
+    has_room_at = 300.0
+    assert not backlog.deliver(send)
+    assert log.now < 202.0
+
+
+def test_messages_wait_for_room_beside_a_reader_without_room(log: FakeLog) -> None:
+    channel = Channel(1)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    assert not backlog.deliver(lambda: False)
+    given_up_at = log.now
+    backlog.add(channel)
+    assert not backlog.wait_for_room()  # one slow subscriber is enough
+    assert log.now == given_up_at
+    channel.is_confirmed = True
+    assert backlog.wait_for_room()
+    assert backlog.deliver(lambda: True)
+    assert backlog.wait_for_room()
+    channel.is_confirmed = False
+    backlog.add(channel)
+    log.on_sleep = lambda: setattr(channel, 'is_confirmed', log.now > given_up_at + 1)
+    assert backlog.wait_for_room()
+    assert log.now > given_up_at + 1
+
+
+@pytest.mark.parametrize(('on_overflow', 'transport'), [
+    ('drop', 'auto'), ('block', 'auto'), ('drop', 'raw'), ('block', 'raw')])
 def test_frames_for_a_stopped_subscriber(
-        start: Start, tmp_path: Path, on_overflow: str) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow=on_overflow)
+        start: Start, tmp_path: Path, on_overflow: str, transport: str) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow=on_overflow,
+                       transport=transport)
     publisher = start('img_publisher', source='pattern:64x48@50', publish_rate=0,
                       wait_for_subscribers=1)
     subscriber.wait_for('Receiving video frame')
@@ -169,8 +216,10 @@ def test_frames_for_a_stopped_subscriber(
                for number, picture in enumerate(written))
 
 
-def test_interrupted_wait_for_a_subscriber(start: Start, tmp_path: Path) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
+@pytest.mark.parametrize('transport', ['auto', 'raw'])
+def test_interrupted_wait_for_a_subscriber(
+        start: Start, tmp_path: Path, transport: str) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', transport=transport)
     publisher = start('img_publisher', source='pattern:64x48@100', publish_rate=0,
                       wait_for_subscribers=1)
     subscriber.wait_for('Receiving video frame')
