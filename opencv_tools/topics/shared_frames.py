@@ -24,7 +24,7 @@ from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Way
 from opencv_tools.topics.queue import FrameQueue
 from opencv_tools.topics.shared_services import MAX_PUBLISHERS, SharedServices
-from opencv_tools.topics.shared_source import Origin, SharedSource
+from opencv_tools.topics.shared_source import Origin, SharedSource, WriterEndedError
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.shared_frames.announcement import AnnouncementError, SUFFIX
 from opencv_tools.transport.shared_frames.header import publisher_identity
@@ -211,8 +211,8 @@ class SharedFrames:
 
     def _fail(self, publisher: bytes, service: str, err: Exception) -> None:
         """Return to the image topic, because the service of a publisher has failed."""
-        self._log.info(f'A publisher of {self._topic} is not received by shared memory: {err}',
-                       once=str(err))
+        log = self._log.debug if isinstance(err, WriterEndedError) else self._log.info
+        log(f'A publisher of {self._topic} is not received by shared memory: {err}', once=str(err))
         self._services.remove(publisher, service, str(err))
         self._close(publisher)
 

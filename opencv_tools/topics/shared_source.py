@@ -40,6 +40,10 @@ _WAIT_SECONDS = 0.05
 _MAX_FRAMES = 2 * MAX_DEPTH
 
 
+class WriterEndedError(SharedMemoryError):
+    """The publisher has stopped sharing, or has ended."""
+
+
 class Origin(NamedTuple):
     """
     What shared frames come from.
@@ -148,7 +152,7 @@ class SharedSource:
         if self._way is not way or self.is_overdue:
             self._on_change()
         if not has_writer:
-            raise SharedMemoryError('its writer has ended')
+            raise WriterEndedError('its writer has ended')
 
     def _read(self, frame: SharedFrame) -> WireImage:
         """

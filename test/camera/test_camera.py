@@ -566,9 +566,57 @@ def capture_bars(fourcc: str) -> np.ndarray:
     try:
         assert source.description.startswith(fourcc)
         assert source.wait(5.0)
-        return source.read().image
+        return source.read().image.copy()
     finally:
         source.close()
+
+
+def test_frame_in_use_after_its_camera_was_closed() -> None:
+    source = CameraSource(VIDEO, CameraRequest(width=320, height=180))
+    try:
+        assert source.wait(5.0)
+        image = source.read().image
+        pixels = image.copy()
+    finally:
+        source.close()
+    assert np.array_equal(image, pixels)  # its memory is still there
+    with pytest.raises(ValueError, match='read-only'):
+        image[:] = 0
+    with pytest.raises(CaptureError, match='is used by another program'):
+        CameraSource(VIDEO, CameraRequest())
+    del image
+    CameraSource(VIDEO, CameraRequest()).close()
+    tell('kept frame', 'readable after close; the camera is free with its last view')
+
+
+def test_time_of_the_publisher_for_a_frame(start: Start, tmp_path: Path) -> None:
+    figures = []
+    for encoding in ('bgr8', 'yuv422_yuy2'):
+        subscriber = start('img_subscriber', max_rate=0.1, output_dir=tmp_path / encoding)
+        publisher = start('img_publisher', source=0, width=1280, height=720, fourcc='YUYV',
+                          publish_rate=0, encoding=encoding, wait_for_subscribers=1)
+        publisher.wait_for('Publishing video frame 1:')
+        time.sleep(3.0)
+        begun, first = processor_seconds(publisher.pid), published(publisher)
+        time.sleep(10.0)
+        seconds, count = processor_seconds(publisher.pid) - begun, published(publisher) - first
+        for process in (subscriber, publisher):
+            process.interrupt()
+            assert process.finish() == 0, process.output
+        assert count > 0
+        figures.append(f'{1000 * seconds / count:.2f} ms to publish {encoding}')
+    tell('processor time of a YUYV frame of 1280x720', ', '.join(figures))
+
+
+def published(publisher: NodeProcess) -> int:
+    """Return the number of the last frame on the console."""
+    return int(re.findall(r'Publishing video frame (\d+):', publisher.output)[-1])
+
+
+def processor_seconds(pid: int) -> float:
+    """Return the processor time of a process, see proc(5)."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def test_multiplanar_camera() -> None:

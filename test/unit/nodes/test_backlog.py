@@ -216,6 +216,31 @@ def test_frames_for_a_stopped_subscriber(
                for number, picture in enumerate(written))
 
 
+def test_killed_subscriber_of_shared_frames(start: Start, tmp_path: Path) -> None:
+    killed, other = (start('img_subscriber', '--ros-args', '-r', f'__node:={name}',
+                           output_dir=tmp_path / name, transport='shm')
+                     for name in ('killed', 'other'))
+    publisher = start('img_publisher', source='pattern:64x48@200', publish_rate=0)
+    for subscriber in (killed, other):
+        subscriber.wait_for('Receiving video frame')
+    killed.interrupt(signal.SIGKILL)
+    killed.finish()
+    first = read_last(publisher)
+    publisher.wait_until(lambda _: read_last(publisher) > first + 200)
+    for process in (publisher, other):
+        process.interrupt()
+        assert process.finish() == 0, process.output
+    assert TIMEOUT_LINE not in publisher.output  # the memory of the killed one is removed
+    summary = re.search(r'Received (\d+) frames .*, (\d+) dropped, 0 failed, (.*)', other.output)
+    assert summary and summary[3].startswith('0 lost in'), other.output
+    assert len(read_pictures(tmp_path / 'other')) == int(summary[1]) - int(summary[2]) > 200
+
+
+def read_last(publisher: NodeProcess) -> int:
+    """Return the number of the last frame on the console."""
+    return int(['0', *re.findall(r'Publishing video frame (\d+)', publisher.output)][-1])
+
+
 @pytest.mark.parametrize('transport', ['auto', 'raw'])
 def test_interrupted_wait_for_a_subscriber(
         start: Start, tmp_path: Path, transport: str) -> None:

@@ -47,10 +47,10 @@ def memory() -> FrameMemory:
     return FrameMemory()
 
 
-def publish(writer: FrameWriter, pixels: np.ndarray, number: int = 0) -> None:
+def publish(writer: FrameWriter, pixels: np.ndarray, number: int = 0) -> bool:
     slot = writer.lend(pixels.size)
     slot.data[:] = pixels
-    slot.publish(FrameHeader(number=number, height=1, width=pixels.size), 'câmera', 'mono8')
+    return slot.publish(FrameHeader(number=number, height=1, width=pixels.size), 'câmera', 'mono8')
 
 
 def receive(reader: FrameReader) -> SharedFrame:
@@ -85,6 +85,23 @@ def test_oldest_waiting_frame_is_overwritten(memory: FrameMemory) -> None:
         publish(writer, random_pixels(3), number)
     assert [receive(reader).header.number, reader.receive().header.number] == [4, 5]
     assert reader.receive() is None
+
+
+def test_frame_for_which_a_reader_has_no_room(memory: FrameMemory) -> None:
+    writer = memory.create_writer(3, overwrites=False)
+    assert publish(writer, random_pixels(3), 1)  # there is no reader
+    small, large = (memory.open_reader(writer.service, depth) for depth in (2, 5))
+    assert [publish(writer, random_pixels(3), number) for number in (2, 3)] == [True, True]
+    assert [publish(writer, random_pixels(3), 4) for _ in range(2)] == [False, False]
+    assert small.receive().header.number == 2
+    assert publish(writer, random_pixels(3), 4)
+    for reader, numbers in ((small, [3, 4]), (large, [2, 3, 4, 4, 4])):
+        assert [reader.receive().header.number for _ in numbers] == numbers
+        assert reader.receive() is None
+    assert publish(writer, random_pixels(3), 5)
+    del small, large, reader
+    gc.collect()
+    assert publish(writer, random_pixels(3), 6)
 
 
 def test_several_readers_and_their_count(memory: FrameMemory) -> None:
