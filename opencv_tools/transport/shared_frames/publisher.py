@@ -148,7 +148,7 @@ class SharedFramePublisher:
 
     def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> None:
         """Send a frame in shared memory, if it has subscribers."""
-        if not self.has_subscribers:
+        if slot is None and not self.has_subscribers:
             if not self._is_announced:
                 self._writer = None  # its readers have left; others need the memory
             return
@@ -157,10 +157,10 @@ class SharedFramePublisher:
         def send() -> bool:
             nonlocal slot
             filled, slot = slot, None
-            writer = self._writer_with_room(data.nbytes)
-            if writer is None:
-                return True
-            if filled is None or filled.writer is not writer:
+            if filled is None or filled.writer is not self._writer:
+                writer = self._writer_with_room(data.nbytes)
+                if writer is None:
+                    return True
                 filled = writer.lend(data.nbytes)
                 np.copyto(filled.data, data)
             return self._send(filled, image, is_message)
