@@ -40,6 +40,11 @@ class FrameQueue(Generic[T]):
         self._closed = False
         self._changed = Condition()
 
+    @property
+    def has_room(self) -> bool:
+        """Whether another item would neither drop one nor wait."""
+        return len(self._waiting) < self._size
+
     def put(self, item: T) -> T | None:
         """
         Add an item.
@@ -48,9 +53,9 @@ class FrameQueue(Generic[T]):
         """
         dropped = None
         with self._changed:
-            if len(self._waiting) >= self._size:
+            if not self.has_room:
                 if self._block:
-                    self._changed.wait_for(lambda: len(self._waiting) < self._size)
+                    self._changed.wait_for(lambda: self.has_room)
                 else:
                     dropped = self._waiting.popleft()
             self._waiting.append(item)

@@ -143,6 +143,11 @@ class Recorder(Generic[P]):
         for thread in self._threads:
             thread.start()
 
+    @property
+    def has_room(self) -> bool:
+        """Whether another frame would neither drop one nor wait."""
+        return self._queue.has_room
+
     def put(self, frame: ReceivedFrame, on_done: OnDone | None = None) -> bool:
         """
         Put a frame into the queue.

@@ -16,18 +16,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic
+from opencv_tools.transport.shared_frames.announcement import SUFFIX
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from opencv_tools.transport.shared_frames.writer import Slot
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
 #: Lends shared memory for a number of bytes, if it has readers.
+_PARTICIPANT_BYTES = 12  # of the identifier of an endpoint, see section 8.2.4 of DDSI-RTPS
 Lend = Callable[[int], Slot | None]
 
 
@@ -59,6 +62,21 @@ class FrameTopics:
         """Whether a raw or compressed image would be received."""
         return bool(self.shared.has_subscribers or self.images.get_subscription_count()
                     or self.compressed.get_subscription_count())
+
+    def count_subscribers(self) -> int:
+        """
+        Return the number of subscribers of raw and compressed images.
+
+        A subscriber by shared memory may have subscribed to the image topic as well.
+        """
+        counts = [
+            Counter(bytes(found.endpoint_gid)[:_PARTICIPANT_BYTES]
+                    for found in self._node.get_subscriptions_info_by_topic(name))
+            for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}',
+                         self.compressed.topic_name)]
+        raw, shared, compressed = counts
+        return sum(max(raw[process], shared[process]) for process in raw | shared) + sum(
+            compressed.values())
 
     def publish_raw(
         self, make: Callable[[Lend], tuple[WireImage, Slot | None]],

@@ -110,6 +110,11 @@ class _Publisher:
             self._first = replace(self._first, number=self._first.number + more)
         self._offset += more
 
+    def is_early(self, position: Position) -> bool:
+        """Return whether messages are missing before a shared frame."""
+        return (self.way is Way.JOINING and not self.is_overdue and position.is_message
+                and position.message > self._message + 1)
+
     def accepts(self, position: Position, publish_ns: int, now: float) -> bool:
         """Return whether a frame is new and arrives in the right way; if so, it is counted."""
         is_shared = position.number > 0
@@ -155,11 +160,10 @@ class _Publisher:
             if position.message == self._message:
                 self.way = Way.SHARED  # the next shared frame follows
             return False
-        if (self.is_overdue or not position.is_message
-                or position.message == self._message + 1):
-            self.way = Way.SHARED
-            return True
-        return False
+        if self.is_early(position):
+            return False
+        self.way = Way.SHARED
+        return True
 
 
 class FrameOrder:
@@ -227,6 +231,10 @@ class FrameOrder:
     def stop_joining(self, publisher: bytes) -> None:
         """Count the messages as lost that are missing before the next shared frame."""
         self._find(publisher).is_overdue = True
+
+    def is_early(self, publisher: bytes, position: Position) -> bool:
+        """Return whether messages of a publisher are missing before a shared frame."""
+        return self._find(publisher).is_early(position)
 
     def learn(self, publisher: bytes, messages: int, number: int) -> None:
         """

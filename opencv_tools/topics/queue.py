@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from threading import Condition
+from threading import Condition, RLock
 from typing import Any
 
 from opencv_tools.image.cdr import WireMessage
@@ -82,7 +82,9 @@ class FrameQueue:
         self._infos: dict[int, CameraInfo] = {}
         self._is_closed = False
         #: Held for each access. No code of the user runs meanwhile.
-        self.lock = Condition()
+        lock = RLock()
+        self.lock = Condition(lock)
+        self._room = Condition(lock)
         #: Number of frames that were not passed on, because newer ones have replaced them, their
         #: calibration did not arrive, or the queue was closed.
         self.skipped = 0
@@ -100,9 +102,24 @@ class FrameQueue:
         return bool(self._frames)
 
     @property
+    def keeps_newest(self) -> bool:
+        """Whether only the newest frame is kept."""
+        return self._capacity == 1
+
+    @property
     def is_full(self) -> bool:
         """Whether another frame would replace one, although more than the newest are kept."""
-        return len(self._frames) >= self._capacity > 1
+        return len(self._frames) >= self._capacity and not self.keeps_newest
+
+    def wait_for_room(self, seconds: float) -> bool:
+        """
+        Wait while the queue is full.
+
+        :param seconds: timeout in seconds.
+        :returns: whether another frame would replace none, unless only the newest is kept.
+        """
+        with self.lock:
+            return self._room.wait_for(lambda: not self.is_full or self._is_closed, seconds)
 
     @property
     def has_unpaired(self) -> bool:
@@ -156,13 +173,13 @@ class FrameQueue:
     def pop(self) -> QueuedFrame | None:
         """Remove and return the oldest frame, or return None."""
         with self.lock:
-            return self._frames.popleft() if self._frames else None
+            return self._take() if self._frames else None
 
     def wait(self) -> QueuedFrame | None:
         """Wait for a frame, then remove and return it; return None once the queue is closed."""
         with self.lock:
             self.lock.wait_for(lambda: self._frames or self._is_closed)
-            return None if self._is_closed else self._frames.popleft()
+            return None if self._is_closed else self._take()
 
     def close(self) -> None:
         """End ``wait``, and skip the frames that still wait."""
@@ -171,6 +188,11 @@ class FrameQueue:
             self._skip_above(self._unpaired, 0)
             self._skip_above(self._frames, 0)
             self.lock.notify_all()
+            self._room.notify_all()
+
+    def _take(self) -> QueuedFrame:
+        self._room.notify_all()
+        return self._frames.popleft()
 
     def _add(self, frame: QueuedFrame) -> None:
         """Add a frame to those that are complete, or to those that wait for their calibration."""

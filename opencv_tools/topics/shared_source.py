@@ -79,9 +79,11 @@ class SharedSource:
         #: Error that has ended the thread.
         self.error: Exception | None = None
         self._reader = reader
+        self._delays_writer = reader.delays_writer
         self._queue = queue
         self._on_change = on_change
         self._on_frame = on_frame
+        self._taken: tuple[QueuedFrame, Position | None] | None = None
         self._way = Way.JOINING
         self._overdue_at = time.monotonic() + _JOIN_SECONDS  # while joining
         self._is_closed = False
@@ -105,30 +107,18 @@ class SharedSource:
 
         :raises SharedMemoryError: the memory cannot be read, or belongs to another publisher.
         """
+        keeps_all = self._delays_writer and not self._queue.keeps_newest
         with self._lock:
             for _ in range(_MAX_FRAMES):
-                if self._is_closed:
+                if not self._take():
                     return
-                received: QueuedFrame
-                position = None
-                try:
-                    frame = self._reader.receive()
-                    if frame is None:
-                        return
-                    header = frame.header
-                    received = ReceivedMessage(
-                        self._read(frame), time.time_ns(), header.publish_ns,
-                        header.message if header.is_message else header.number)
-                    position = Position(header.message, header.number, bool(header.is_message))
-                except CdrError as err:
-                    received = err.with_traceback(None)  # which would keep the frame
-                self._way = self._queue.put(received, self.origin.publisher, position)
-                self._on_frame()
+                self._put(keeps_all=keeps_all)
 
     def close(self) -> None:
         """Discard the frames that wait. The thread ends soon."""
         with self._lock:
             self._is_closed = True
+            self._taken = None
 
     def join(self) -> None:
         """Wait for the end of the thread."""
@@ -148,11 +138,62 @@ class SharedSource:
         way = self._way
         is_notified = self._reader.wait(_WAIT_SECONDS)
         has_writer = is_notified or self._reader.has_writer
-        self.receive()
+        are_all_received = self._receive_in_order()
         if self._way is not way or self.is_overdue:
             self._on_change()
-        if not has_writer:
+        if are_all_received and not has_writer:
             raise WriterEndedError('its writer has ended')
+
+    def _receive_in_order(self) -> bool:
+        """
+        Put waiting frames into the queue, and return whether none is left.
+
+        If their publisher waits, they wait for room in the queue and for earlier messages.
+        """
+        for _ in range(_MAX_FRAMES):
+            if self._delays_writer and not self._queue.wait_for_room(_WAIT_SECONDS):
+                return False
+            with self._lock:
+                if not self._take():
+                    return True
+                if self._delays_writer and self._is_early():
+                    return False
+                self._put()
+        return False
+
+    def _take(self) -> bool:
+        """Receive the next frame, if none is taken already, and return whether there is one."""
+        if self._is_closed:
+            return False
+        if self._taken is None:
+            try:
+                frame = self._reader.receive()
+                if frame is None:
+                    return False
+                header = frame.header
+                self._taken = ReceivedMessage(
+                    self._read(frame), time.time_ns(), header.publish_ns,
+                    header.message if header.is_message else header.number), Position(
+                        header.message, header.number, bool(header.is_message))
+            except CdrError as err:
+                self._taken = err.with_traceback(None), None  # which would keep the frame
+        return True
+
+    def _is_early(self) -> bool:
+        """Return whether messages are missing before the taken frame."""
+        position = self._taken and self._taken[1]
+        if not position:
+            return False
+        with self._queue.lock:
+            return self._queue.order.is_early(self.origin.publisher, position)
+
+    def _put(self, *, keeps_all: bool = False) -> None:
+        """Put the taken frame into the queue, which may exceed its capacity with keeps_all."""
+        if self._taken:
+            (received, position), self._taken = self._taken, None
+            self._way = self._queue.put(
+                received, self.origin.publisher, position, keeps_all=keeps_all)
+            self._on_frame()
 
     def _read(self, frame: SharedFrame) -> WireImage:
         """

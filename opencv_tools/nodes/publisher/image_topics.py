@@ -85,8 +85,7 @@ class ImageTopics:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
-            publishers = self.images, self._topics.compressed
-            if sum(publisher.get_subscription_count() for publisher in publishers) < self.awaited:
+            if self._topics.count_subscribers() < self.awaited:
                 self._settled_at = 0.0
             else:
                 self._settled_at = self._settled_at or now + _SETTLE_SECONDS

@@ -57,8 +57,6 @@ class RecordingSession:
         self._on_end = on_end
         self._has_ended = False
         self._is_abandoned = False
-        self._put_count = 0
-        self._queue_size = settings.queue_size
         limits = settings.limits
         self._selection = Selection(settings.every_n, settings.max_rate, limits)
         self.folder = _absolute_path(settings.output_dir)
@@ -87,7 +85,6 @@ class RecordingSession:
         if not (requests if self.requests else selection.selects(frame)):
             self.skipped += 1
             return
-        self._put_count += 1
         on_done = partial(self.requests.complete, requests) if self.requests else None
         if self.recorder.put(frame, on_done):
             selection.count()
@@ -102,9 +99,7 @@ class RecordingSession:
         :returns: False at the deadline, after ``abandon``, and after the end of the recording.
         """
         while time.monotonic() < deadline and not (self._has_ended or self._is_abandoned):
-            counts = self.recorder.counts
-            finished = counts.written + counts.dropped + counts.failed + counts.skipped
-            if self._put_count - finished < self._queue_size:
+            if self.recorder.has_room:
                 return True
             time.sleep(_POLL_SECONDS)
         return False

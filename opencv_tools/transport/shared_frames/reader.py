@@ -45,6 +45,11 @@ class FrameReader:
         self._subscriber = self._frames.subscriber_builder().buffer_size(depth).create()
 
     @property
+    def delays_writer(self) -> bool:
+        """Whether the writer waits for room, instead of overwriting frames that wait."""
+        return not self._frames.static_config.has_safe_overflow
+
+    @property
     def has_writer(self) -> bool:
         """Whether the writer has not been closed. A killed writer still counts."""
         return bool(self._frames.dynamic_config.number_of_publishers)

@@ -216,6 +216,54 @@ def test_frames_for_a_stopped_subscriber(
                for number, picture in enumerate(written))
 
 
+@pytest.mark.parametrize('transport', ['auto', 'raw'])
+@pytest.mark.parametrize('file_name', ['f{seq}.png', 'v.mp4'])
+def test_recorder_that_is_slower_than_a_file(
+        start: Start, tmp_path: Path, transport: str, file_name: str) -> None:
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block',
+                       queue_size=2, transport=transport, file_name=file_name)
+    subscriber.wait_for('Waiting for /video_frames')
+    publisher = start('img_publisher', source='pattern:640x480@1000', publish_rate=0,
+                      wait_for_subscribers=1, max_frames=300)
+    assert publisher.finish() == 0, publisher.output
+    subscriber.interrupt()  # the last frames wait
+    assert subscriber.finish() == 0, subscriber.output
+    assert ': 300 written to ' in subscriber.output
+    assert ' 0 dropped, 0 failed, 0 lost in transit\n' in subscriber.output
+
+
+SLOW = """
+import sys
+import time
+from opencv_tools.frames import FrameNode, main
+
+def create_node():
+    def receive(frame):
+        numbers.append(frame.raw.shape)
+        time.sleep(0.02)
+        if len(numbers) == 120:
+            print(f'received {len(numbers)} of', subscription.skipped, flush=True)
+
+    numbers = []
+    node = FrameNode('own')
+    subscription = node.receive_frames(
+        'video_frames', receive, every=True, transport='shm', threaded=len(sys.argv) > 1)
+    return node
+
+sys.exit(main(create_node))
+"""
+
+
+@pytest.mark.parametrize('threaded', [(), ('threaded',)], ids=['executor', 'thread'])
+def test_callback_that_is_slower_than_a_file(
+        start: Start, tmp_path: Path, threaded: tuple[str, ...]) -> None:
+    program = tmp_path / 'slow.py'
+    program.write_text(SLOW)
+    receiver = start(str(program), *threaded)
+    start('img_publisher', source='pattern:64x48@500', publish_rate=0, wait_for_subscribers=1)
+    receiver.wait_for('received 120 of 0')  # none was skipped
+
+
 def test_killed_subscriber_of_shared_frames(start: Start, tmp_path: Path) -> None:
     killed, other = (start('img_subscriber', '--ros-args', '-r', f'__node:={name}',
                            output_dir=tmp_path / name, transport='shm')

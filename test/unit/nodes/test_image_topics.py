@@ -60,6 +60,27 @@ def test_delay_after_the_last_awaited_subscriber(
     assert topics.may_publish()
 
 
+@pytest.mark.parametrize('transports', [
+    ('shm',), ('auto',), ('shm', 'auto'), ('auto', 'raw', 'compressed')])
+def test_awaited_subscribers_of_every_transport(
+        node: Node, camera: Node, transports: tuple[str, ...]) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED,
+                         len(transports))
+    nodes = [node] + [Node(f'receiver_{number}', context=node.context)
+                      for number in range(len(transports) - 1)]
+    subscribers = []
+    for receiver, transport in zip(nodes, transports):
+        spin_until(node, lambda: topics._topics.count_subscribers() == len(subscribers))
+        assert not topics.may_publish()
+        subscribers.append(FrameSubscriber(receiver, TOPIC, print, transport=transport))
+    spin_until(node, topics.may_publish)
+    for subscriber in subscribers:
+        subscriber.destroy()
+    for receiver in nodes[1:]:
+        receiver.destroy_node()
+    topics.close()
+
+
 @pytest.mark.parametrize('is_live', [False, True])
 def test_frames_of_any_source_are_shared(node: Node, camera: Node, is_live: bool) -> None:
     topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
