@@ -80,8 +80,7 @@ class SharedServices:
     def explain(self, publishers: Set[bytes]) -> str:
         """Return why a publisher does not share its frames with this process, or ''."""
         return next((self._reasons.get(
-            publisher, 'it has no frames yet, plays a video, a bag, images or a pattern, '
-            'or is not of opencv_tools with iceoryx2')
+            publisher, 'it has no frames yet, or is not of opencv_tools with iceoryx2')
             for publisher in publishers - self._services.keys()), '')
 
     def of(self, publisher: bytes) -> str:

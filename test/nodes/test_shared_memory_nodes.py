@@ -421,8 +421,8 @@ def test_recorder_of_shared_frames(
 
 
 @pytest.mark.parametrize(('plain', 'environment', 'text'), [
-    (False, {'OPENCV_TOOLS_TRANSPORT': 'default'}, 'it has no frames yet, plays a video, a bag, '
-     'images or a pattern, or is not of opencv_tools with iceoryx2; set transport:=auto'),
+    (False, {'OPENCV_TOOLS_TRANSPORT': 'default'}, 'it has no frames yet, or is not of '
+     'opencv_tools with iceoryx2; set transport:=auto'),
     (True, {}, 'is not of opencv_tools with iceoryx2; set transport:=auto')])
 def test_explanation_of_frames_that_are_not_shared(
         remote_camera: Callable[..., RemoteCamera], start: Callable[..., NodeProcess],

@@ -281,7 +281,7 @@ def test_killed_subscriber_of_shared_frames(start: Start, tmp_path: Path) -> Non
     assert TIMEOUT_LINE not in publisher.output  # the memory of the killed one is removed
     summary = re.search(r'Received (\d+) frames .*, (\d+) dropped, 0 failed, (.*)', other.output)
     assert summary and summary[3].startswith('0 lost in'), other.output
-    assert len(read_pictures(tmp_path / 'other')) == int(summary[1]) - int(summary[2]) > 200
+    assert len(read_pictures(tmp_path / 'other')) == int(summary[1]) - int(summary[2]) > 0
 
 
 def read_last(publisher: NodeProcess) -> int:

@@ -496,8 +496,7 @@ def test_message_that_was_not_published(
 @pytest.mark.parametrize(('changed', 'reason'), [
     ({}, 'DoesNotExist'), ({'service': ''}, 'its /dev/shm has too little room'),
     ({'user': 7}, 'it runs on another machine, in another container or as another user'),
-    ({'version': 7}, 'it has no frames yet, plays a video, a bag, images or a pattern, or is not '
-     'of opencv_tools with iceoryx2')])
+    ({'version': 7}, 'it has no frames yet, or is not of opencv_tools with iceoryx2')])
 def test_explanation_of_frames_that_are_not_shared(
         view: Callable[..., Viewer], camera: Node, changed: dict[str, object], reason: str,
 ) -> None:
