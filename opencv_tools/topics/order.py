@@ -223,14 +223,15 @@ class FrameOrder:
         found = self._publishers.get(publisher)
         return found.way if found else Way.TOPIC
 
-    def change(self, publisher: bytes, way: Way) -> None:
-        """Change how the frames of a publisher arrive."""
-        found = self._find(publisher)
-        found.way, found.is_overdue = way, False
+    def change(self, publisher: bytes, way: Way, *, is_overdue: bool = False) -> None:
+        """
+        Change how the frames of a publisher arrive.
 
-    def stop_joining(self, publisher: bytes) -> None:
-        """Count the messages as lost that are missing before the next shared frame."""
-        self._find(publisher).is_overdue = True
+        :param is_overdue: while joining, whether the messages are lost that are missing before the
+            next shared frame.
+        """
+        found = self._find(publisher)
+        found.way, found.is_overdue = way, is_overdue
 
     def is_early(self, publisher: bytes, position: Position) -> bool:
         """Return whether messages of a publisher are missing before a shared frame."""

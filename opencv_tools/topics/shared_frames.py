@@ -137,7 +137,8 @@ class SharedFrames:
     def stop_joining(self, publisher: bytes) -> None:
         """Count the messages as lost that are missing before the next shared frame."""
         with self._queue.lock:
-            self._queue.order.stop_joining(publisher)
+            if self._queue.order.way(publisher) is Way.JOINING:
+                self._queue.order.change(publisher, Way.JOINING, is_overdue=True)
         self._sources[publisher].stop_joining()
 
     def receive_before_message(self, publisher: bytes) -> None:

@@ -172,7 +172,7 @@ class SharedSource:
                     return False
                 header = frame.header
                 self._taken = ReceivedMessage(
-                    self._read(frame), time.time_ns(), header.publish_ns,
+                    _read(frame, self.origin.identity), time.time_ns(), header.publish_ns,
                     header.message if header.is_message else header.number), Position(
                         header.message, header.number, bool(header.is_message))
             except CdrError as err:
@@ -195,16 +195,17 @@ class SharedSource:
                 received, self.origin.publisher, position, keeps_all=keeps_all)
             self._on_frame()
 
-    def _read(self, frame: SharedFrame) -> WireImage:
-        """
-        Return the message of a frame.
 
-        :raises SharedMemoryError: the frame is of another publisher.
-        """
-        header = frame.header
-        if bytes(header.identity) != self.origin.identity:
-            raise SharedMemoryError('its memory has frames of another publisher')
-        return WireImage(
-            header=WireHeader(header.sec, header.nanosec, frame.frame_id), height=header.height,
-            width=header.width, encoding=frame.encoding, is_bigendian=bool(header.is_bigendian),
-            step=header.step, data=frame.data)
+def _read(frame: SharedFrame, identity: bytes) -> WireImage:
+    """
+    Return the message of a frame.
+
+    :raises SharedMemoryError: the frame is of another publisher.
+    """
+    header = frame.header
+    if bytes(header.identity) != identity:
+        raise SharedMemoryError('its memory has frames of another publisher')
+    return WireImage(
+        header=WireHeader(header.sec, header.nanosec, frame.frame_id), height=header.height,
+        width=header.width, encoding=frame.encoding, is_bigendian=bool(header.is_bigendian),
+        step=header.step, data=frame.data)

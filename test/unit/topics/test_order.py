@@ -221,7 +221,7 @@ class Topic:
     def stop_joining(self) -> None:
         """Give up the messages that are missing, as nothing waits on the image topic."""
         if self._way is Way.JOINING and not self._topic:
-            self.order.stop_joining(PUBLISHER)
+            self.order.change(PUBLISHER, Way.JOINING, is_overdue=True)
 
     def leave(self) -> None:
         """Return to the image topic."""
