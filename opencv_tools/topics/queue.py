@@ -81,10 +81,10 @@ class FrameQueue:
         self._unpaired: deque[ReceivedMessage] = deque()
         self._infos: dict[int, CameraInfo] = {}
         self._is_closed = False
-        #: Held for each access. No code of the user runs meanwhile.
         lock = RLock()
-        self.lock = Condition(lock)
         self._room = Condition(lock)
+        #: Held for each access. No code of the user runs meanwhile.
+        self.lock = Condition(lock)
         #: Number of frames that were not passed on, because newer ones have replaced them, their
         #: calibration did not arrive, or the queue was closed.
         self.skipped = 0
