@@ -69,14 +69,12 @@ class FrameTopics:
 
         A subscriber by shared memory may have subscribed to the image topic as well.
         """
-        counts = [
+        raw, shared = (
             Counter(bytes(found.endpoint_gid)[:_PARTICIPANT_BYTES]
                     for found in self._node.get_subscriptions_info_by_topic(name))
-            for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}',
-                         self.compressed.topic_name)]
-        raw, shared, compressed = counts
-        return sum(max(raw[process], shared[process]) for process in raw | shared) + sum(
-            compressed.values())
+            for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}'))
+        return int(self.images.get_subscription_count()
+                   + self.compressed.get_subscription_count() + (shared - raw).total())
 
     def publish_raw(
         self, make: Callable[[Lend], tuple[WireImage, Slot | None]],
