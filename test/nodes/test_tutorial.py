@@ -80,11 +80,12 @@ def test_plain_subscriber_receives_frames(start: Start, node: Node) -> None:
 
 
 def test_names_of_the_tutorial(start: Start, node: Node) -> None:
-    publisher = start('img_publisher', source='pattern')
     subscriber = start('img_subscriber')
+    # Until the publisher shares its frames.
+    spin_until(node, lambda: bool(node.get_subscriptions_info_by_topic('/video_frames')))
+    publisher = start('img_publisher', source='pattern')
     spin_until(node, lambda: {'image_publisher', 'image_subscriber'} <= set(node.get_node_names()))
-    spin_until(node, lambda: bool(node.get_publishers_info_by_topic('/video_frames')
-                                  and node.get_subscriptions_info_by_topic('/video_frames')))
+    spin_until(node, lambda: bool(node.get_publishers_info_by_topic('/video_frames')))
     (offered,) = node.get_publishers_info_by_topic('/video_frames')
     assert offered.topic_type == 'sensor_msgs/msg/Image'
     assert offered.qos_profile.reliability.name == 'RELIABLE'
