@@ -29,8 +29,8 @@ from opencv_tools.transport.shared_frames.writer import Slot
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
-#: Lends shared memory for a number of bytes, if it has readers.
 _PARTICIPANT_BYTES = 12  # of the identifier of an endpoint, see section 8.2.4 of DDSI-RTPS
+#: Lends shared memory for a number of bytes, if it has readers.
 Lend = Callable[[int], Slot | None]
 
 
@@ -90,8 +90,7 @@ class FrameTopics:
         if not is_message and not self.shared.has_subscribers:
             return None
         image, slot = make(self.shared.lend)
-        self.shared.publish(image, is_message=is_message, slot=slot)
-        return is_message
+        return self.shared.publish(image, is_message=is_message, slot=slot)
 
     def publish_compressed(self, make: Callable[[], Any]) -> bool:
         """

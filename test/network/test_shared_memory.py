@@ -92,9 +92,10 @@ def test_frames_through_docker_sized_shared_memory(
     assert warnings_of_shared_memory(publisher) == []
 
 
+@pytest.mark.parametrize('size', ['8m', '9m'])  # without room for shared frames, and for a few
 def test_small_frames_with_little_shared_memory(
-        start: Start, tmp_path: Path) -> None:
-    with new_host(shared_memory='8m') as host:
+        start: Start, tmp_path: Path, size: str) -> None:
+    with new_host(shared_memory=size) as host:
         assert_delivered(start, host.within, tmp_path / 'out', 640, 480)
 
 

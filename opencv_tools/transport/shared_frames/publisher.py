@@ -118,25 +118,28 @@ class SharedFramePublisher:
 
     def publish(
         self, image: WireImage, *, is_message: bool, slot: Slot | None = None,
-    ) -> None:
+    ) -> bool:
         """
         Publish a frame.
 
         :param image: the frame.
-        :param is_message: whether to publish it on the image topic.
+        :param is_message: whether to publish it on the image topic. It is published there too if it
+            finds no room in shared memory.
         :param slot: lent memory that has the pixels of the frame; None to copy them. No other view
             of it may be left, because another thread may get the memory after the call.
+        :returns: whether it was published on the image topic.
         :raises CdrError: a string cannot be part of a message.
         :raises RuntimeError: the middleware did not publish the message.
         """
         with self._lock:
+            is_message = self._share(image, is_message, slot)
             if is_message and self._frames - self._messages != self._announced_only_shared:
                 self._announce(self._writer.service if self._writer and self._is_announced else '')
-            self._share(image, is_message, slot)
             self._frames += 1
             if is_message:
                 publish_image(self._images.handle, image)
                 self._messages += 1
+            return is_message
 
     def destroy(self) -> None:
         """Stop sharing and remove the publisher."""
@@ -146,29 +149,33 @@ class SharedFramePublisher:
                 self._node.destroy_publisher(self._announcements)
                 self._announcements = None
 
-    def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> None:
-        """Send a frame in shared memory, if it has subscribers."""
+    def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> bool:
+        """Send a frame in shared memory, if it has subscribers; return whether it is a message."""
         if slot is None and not self.has_subscribers:
             if not self._is_announced:
                 self._writer = None  # its readers have left; others need the memory
-            return
+            return is_message
         data = np.frombuffer(image.data, np.uint8)
 
         def send() -> bool:
-            nonlocal slot
+            nonlocal slot, is_message
             filled, slot = slot, None
-            if filled is None or filled.writer is not self._writer:
-                writer = self._writer_with_room(data.nbytes)
-                if writer is None:
-                    return True
-                filled = writer.lend(data.nbytes)
-                np.copyto(filled.data, data)
-            return self._send(filled, image, is_message)
+            try:
+                if filled is None or filled.writer is not self._writer:
+                    writer = self._writer_with_room(data.nbytes)
+                    if writer is None:
+                        return True
+                    filled = writer.lend(data.nbytes)
+                    np.copyto(filled.data, data)
+                return self._send(filled, image, is_message)
+            except SharedMemoryError as err:
+                self._withdraw(err)
+                # Readers release memory, or subscribe to the image topic meanwhile.
+                is_message = self._images.get_subscription_count() > 0
+                return self._writer is None
 
-        try:
-            self.deliver(send) if self.deliver else send()
-        except SharedMemoryError as err:
-            self._withdraw(err)
+        self.deliver(send) if self.deliver else send()
+        return is_message
 
     def _writer_with_room(self, frame_bytes: int) -> FrameWriter | None:
         """

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from threading import Thread
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
@@ -25,9 +26,12 @@ from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.image.orientation import FLIPS
+from opencv_tools.nodes.publisher import backlog
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
+from opencv_tools.transport.shared_frames import writer
+from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Image
@@ -106,6 +110,48 @@ def test_frames_of_any_source_are_shared(node: Node, camera: Node, is_live: bool
     assert viewer.numbers == {'eye': [*range(1, number + 1)]}
 
 
+@pytest.mark.parametrize('failures', [3, 10**9], ids=['for a while', 'for ever'])
+def test_frame_of_a_file_waits_for_shared_memory(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    viewer = Viewer(node)
+    viewer.watch(lambda: topics.images.get_subscription_count() > 0)
+    number = 0
+
+    def publish() -> None:
+        nonlocal number
+        number += 1
+        assert topics.publish(OutputImage(CapturedFrame(picture(number), '16UC1'),
+                                          OutputSettings()), Time(sec=number), 'eye',
+                              is_live=False)
+
+    def publish_the_next() -> bool:
+        if viewer.count == number:
+            publish()
+        return viewer.shared > 20 and not topics.images.get_subscription_count()
+
+    viewer.watch(publish_the_next)
+    left = failures
+
+    def fail(*_: object) -> None:
+        nonlocal left
+        left -= 1
+        if left >= 0:
+            raise SharedMemoryError('no room')
+
+    monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 1.0)
+    monkeypatch.setattr(writer, 'allocate_pages', fail)
+    monkeypatch.setattr(topics._topics.shared._writer, '_allocated', {})
+    publisher = Thread(target=lambda: [publish() for _ in range(5)])
+    publisher.start()
+    viewer.watch(lambda: not publisher.is_alive())
+    viewer.watch(lambda: viewer.count == number)
+    viewer.subscription.destroy()
+    topics.close()
+    assert left < failures
+    assert viewer.numbers == {'eye': [*range(1, number + 1)]}
+
+
 def test_conversion_writes_where_subscribers_read(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
@@ -114,7 +160,7 @@ def test_conversion_writes_where_subscribers_read(
     slots: list[object] = []
     share = topics._topics.shared.publish
     monkeypatch.setattr(topics._topics.shared, 'publish', lambda image, **options: (
-        slots.append(options['slot']), share(image, **options)))
+        slots.append(options['slot']) or share(image, **options)))
     colours = picture(1, 'rgb8', 6, 8)
     spin_until(node, lambda: topics.images.get_subscription_count() > 0)
 
