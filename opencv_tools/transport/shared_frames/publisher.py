@@ -123,8 +123,8 @@ class SharedFramePublisher:
         Publish a frame.
 
         :param image: the frame.
-        :param is_message: whether to publish it on the image topic. It is published there too if it
-            finds no room in shared memory.
+        :param is_message: whether to publish it on the image topic. A frame that finds no room in
+            shared memory is published there too.
         :param slot: lent memory that has the pixels of the frame; None to copy them. No other view
             of it may be left, because another thread may get the memory after the call.
         :returns: whether it was published on the image topic.
