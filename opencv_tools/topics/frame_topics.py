@@ -70,7 +70,8 @@ class FrameTopics:
         A subscriber by shared memory may have subscribed to the image topic as well.
         """
         raw, shared = (
-            Counter(bytes(found.endpoint_gid)[:_PARTICIPANT_BYTES]
+            Counter((bytes(found.endpoint_gid)[:_PARTICIPANT_BYTES], found.node_namespace,
+                     found.node_name)
                     for found in self._node.get_subscriptions_info_by_topic(name))
             for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}'))
         return int(self.images.get_subscription_count()

@@ -211,7 +211,7 @@ class ImageSource:
         return following_qos([info.qos_profile for info in offers], self._depth)
 
     def _drain(self, reader: ImageReader) -> None:
-        for _ in self.received_until_now(reader, keeps_all=self._depth is None):
+        for _ in self.received_until_now(reader, keeps_all=not self._queue.keeps_newest):
             pass
 
     def _subscribe_again(self, topic: ImageTopic, qos: QoSProfile) -> None:

@@ -149,9 +149,10 @@ class FrameQueue:
             except CdrError as err:
                 frame = err.with_traceback(None)  # which would keep the frame in memory
             self.count += 1
+            held = len(self._frames)  # with keeps_all there may be more than the capacity
             self._add(frame)
             if not keeps_all:
-                self._skip_above(self._frames, self._capacity)
+                self._skip_above(self._frames, max(self._capacity, held))
             self.lock.notify()
             return self._order.way(publisher)
 
@@ -163,11 +164,11 @@ class FrameQueue:
             while len(self._infos) > _MAX_INFOS:
                 del self._infos[next(iter(self._infos))]
             if any(frame.stamp_ns == stamp for frame in self._unpaired):
-                waiting = [*self._unpaired]
+                waiting, held = [*self._unpaired], len(self._frames)
                 self._unpaired.clear()
                 for frame in waiting:
                     self._add(frame)
-                self._skip_above(self._frames, self._capacity)
+                self._skip_above(self._frames, max(self._capacity, held))
                 self.lock.notify()
 
     def pop(self) -> QueuedFrame | None:

@@ -34,6 +34,8 @@ from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS, read_pixels
 # Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame
 # before the end of its period and stamp it with that end; vivid does so by most of a period.
 _AHEAD_NANOSECONDS = 100_000_000
+# A driver that grants two buffers has one at a time, which is full with each frame.
+_MIN_FULL = 2
 
 # Relative tolerance of a rate: a camera may use 30000/1001 Hz for 30 Hz.
 _RATE_TOLERANCE = 0.01
@@ -164,7 +166,7 @@ class CameraSource:
                 self.missed += max(0, buffer.sequence - self._sequence - 1)
             self._held, self._sequence = buffer, buffer.sequence
             filled += 1
-        if filled >= of_driver:
+        if filled >= max(of_driver, _MIN_FULL):
             # All buffers were full, so the driver has dropped newer frames than these. This frame
             # is old; the next one will be the newest.
             self._requeue()
@@ -183,10 +185,10 @@ class CameraSource:
 
     def _requeue(self) -> None:
         """Let the driver fill the memory of the last frame and of the held one again."""
-        for buffer in (self._lent, self._held):
-            if buffer:
-                self._device.requeue(buffer.index)
+        buffer = self._lent or self._held  # never both
         self._lent = self._held = None
+        if buffer:
+            self._device.requeue(buffer.index)
 
 
 def _changes(

@@ -35,8 +35,8 @@ from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, unpack_fourcc
 from opencv_tools.capture.v4l2.videodev2 import try_ioctl
 from opencv_tools.image.text import printable
 
-# Enough for the driver to capture while one buffer is read and another one waits to be read.
-_BUFFERS = 5  # one of them is published
+# The driver fills two while one is published, one waits to be read and one is just exchanged.
+_BUFFERS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +106,8 @@ class VideoDevice:
         with self._lock:
             if self._fd < 0:
                 return
+            with suppress(OSError):  # it is disconnected
+                ioctl(self._fd, videodev2.VIDIOC_STREAMOFF, ctypes.c_int32(self._type))
             for mapped in self._maps:
                 with suppress(BufferError):  # then the last view of an image closes it
                     mapped.close()

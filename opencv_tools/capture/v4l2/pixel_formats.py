@@ -34,8 +34,8 @@ from opencv_tools.image.layout import view_pixels
 _BIG_ENDIAN = 1 << 31
 _BIG_ENDIAN_SUFFIX = '-BE'
 
-#: Function that converts a buffer to an array: data, height and width in pixels, bytes a line.
 Buffer = bytes | memoryview
+#: Function that converts a buffer to an array: data, height and width in pixels, bytes a line.
 Reader = Callable[[Buffer, int, int, int], NDArray[Any]]
 
 
@@ -77,7 +77,7 @@ def _read_planes(
 
 
 def _read_jpeg(data: Buffer, _height: int, _width: int, _step: int) -> NDArray[Any]:
-    return np.frombuffer(bytes(data), np.uint8)  # small, and checked before it is decoded
+    return np.frombuffer(bytes(data), np.uint8)  # small, and read more than once
 
 
 def _raw(fourcc: str, encoding: str) -> PixelFormat:

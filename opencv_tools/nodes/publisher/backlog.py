@@ -29,7 +29,7 @@ _POLL_SECONDS = 0.002
 _SEND_SECONDS = 0.01  # each time costs a copy
 _LOGGED_AFTER_SECONDS = 2.0
 # A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
-# killed subscriber stays in the graph for 20 s, and the other subscribers wait meanwhile.
+# killed subscriber of the image topic stays in the graph for 20 s, and the others wait meanwhile.
 _TIMEOUT_SECONDS = 10.0
 
 
@@ -37,12 +37,12 @@ class Backlog:
     """
     Wait for slow subscribers.
 
-    A wait ends after 10 s. Then there is none until they have received everything.
+    A wait ends after 10 s. Then there is none until the slow subscribers have received everything.
 
     A publisher keeps as many messages as its depth. One message more overwrites the oldest, which
     is lost to a subscriber that has not received it. A best-effort publisher and best-effort
     subscribers confirm nothing and are not waited for. A reader of shared memory has room for some
-    frames.
+    frames, and does not get a frame for which it has no room.
     """
 
     def __init__(

@@ -78,6 +78,7 @@ class PublishLoop:
             self._open_source, settings.playback(), settings.reconnect_policy(), self._events,
             topics)
         self._diagnostics = Diagnostics(node, self._source_status)
+        self._is_live = False  # until the source is open
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
 
     @property
@@ -94,7 +95,7 @@ class PublishLoop:
         """
         try:
             for frame in self._grabber.frames():
-                if not self._is_live():  # a file can wait, but a camera cannot
+                if not self._is_live:  # a file can wait, but a camera cannot
                     self._topics.backlog.wait_for_room()
                 self._publish(frame)
                 del frame  # otherwise a camera that is reopened would be in use
@@ -162,13 +163,13 @@ class PublishLoop:
         output = OutputImage(frame, self.settings.output())
         stamp, frame_id = self._headers.header(frame, self.settings)
         try:
-            if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live()):
+            if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live):
                 self._count_unseen()
                 return
             description = output.description
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
-            if not self._is_live() or self.settings.encoding == self._opened_encoding:
+            if not self._is_live or self.settings.encoding == self._opened_encoding:
                 remedy = ('; an empty encoding publishes frames as they are'
                           if isinstance(err, ConversionError) else '')
                 self._events.broken(ImageError(f'{err}{remedy}'))
@@ -186,12 +187,11 @@ class PublishLoop:
         settings = self.settings
         self._opened_encoding = settings.encoding
         with log_if_slow(self._log, describe_opening(settings.source)):
-            return open_source(settings.source, settings.camera_request(self._controls.requested),
-                               settings.read_timeout, settings.bag_topic)
-
-    def _is_live(self) -> bool:
-        source = self._grabber.source
-        return source is not None and source.live
+            source = open_source(
+                settings.source, settings.camera_request(self._controls.requested),
+                settings.read_timeout, settings.bag_topic)
+        self._is_live = source.live
+        return source
 
     def _source_status(self) -> SourceStatus:
         source = self._grabber.source

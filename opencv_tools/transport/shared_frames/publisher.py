@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import importlib.util
+import math
 from threading import RLock
 import time
 
@@ -41,6 +42,8 @@ from std_msgs.msg import String
 _SPARE_FRAMES = 2
 _CHECK_SECONDS = 1.0
 _RETRY_SECONDS = 5.0
+# A subscription to the image topic may miss messages for this time after it was discovered.
+_JOIN_SECONDS = 0.2
 #: Why a process cannot receive shared frames.
 NOT_SHARED = ('frames cannot be shared with this process, because iceoryx2 is not installed or '
               f'OPENCV_TOOLS_TRANSPORT is default; {installation("iceoryx2")}, or set '
@@ -151,15 +154,16 @@ class SharedFramePublisher:
 
     def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> bool:
         """Send a frame in shared memory, if it has subscribers; return whether it is a message."""
-        if slot is None and not self.has_subscribers:
-            if not self._is_announced:
-                self._writer = None  # its readers have left; others need the memory
-            return is_message
         data = np.frombuffer(image.data, np.uint8)
+        give_up_at = math.inf
 
         def send() -> bool:
-            nonlocal slot, is_message
+            nonlocal slot, is_message, give_up_at
             filled, slot = slot, None
+            if not self.has_subscribers:
+                if not self._is_announced:
+                    self._writer = None  # its readers have left; others need the memory
+                return True
             try:
                 if filled is None or filled.writer is not self._writer:
                     writer = self._writer_with_room(data.nbytes)
@@ -170,9 +174,14 @@ class SharedFramePublisher:
                 return self._send(filled, image, is_message)
             except SharedMemoryError as err:
                 self._withdraw(err)
-                # Readers release memory, or subscribe to the image topic meanwhile.
-                is_message = self._images.get_subscription_count() > 0
-                return self._writer is None
+                # Meanwhile the readers release memory, or subscribe to the image topic again. They
+                # remain readers until they have a message.
+                readers = self._writer.readers if self._writer else 0
+                subscribers, now = self._images.get_subscription_count(), time.monotonic()
+                is_message = subscribers > 0
+                give_up_at = min(give_up_at, now + _JOIN_SECONDS) if subscribers >= readers \
+                    else math.inf
+                return not readers or now >= give_up_at
 
         self.deliver(send) if self.deliver else send()
         return is_message

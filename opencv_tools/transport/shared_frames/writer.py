@@ -137,10 +137,9 @@ class FrameWriter:
         """Send a filled slot, see `Slot.publish`."""
         with shared_memory_errors():
             ctypes.memmove(sample.user_header_ptr, ctypes.byref(header), ctypes.sizeof(header))
-            readers = self.readers
             received = sample.assume_init().send()
             self._notifier.notify()
-            return bool(received >= readers)
+            return bool(received >= self.readers)
 
 
 def _as_array(address: int, size: int) -> Pixels:

@@ -23,7 +23,8 @@ import pytest
 @pytest.mark.parametrize(('name', 'number'), [
     ('QUERYCAP', 0x80685600), ('ENUM_FMT', 0xc0405602), ('S_FMT', 0xc0d05605),
     ('REQBUFS', 0xc0145608), ('QUERYBUF', 0xc0585609), ('QBUF', 0xc058560f),
-    ('DQBUF', 0xc0585611), ('STREAMON', 0x40045612), ('G_PARM', 0xc0cc5615),
+    ('DQBUF', 0xc0585611), ('STREAMON', 0x40045612),
+    ('STREAMOFF', 0x40045613), ('G_PARM', 0xc0cc5615),
     ('S_PARM', 0xc0cc5616), ('G_CTRL', 0xc008561b), ('S_CTRL', 0xc008561c),
     ('QUERYMENU', 0xc02c5625), ('ENUM_FRAMESIZES', 0xc02c564a),
     ('ENUM_FRAMEINTERVALS', 0xc034564b), ('DQEVENT', 0x80885659),

@@ -65,7 +65,7 @@ def test_delay_after_the_last_awaited_subscriber(
 
 
 @pytest.mark.parametrize('transports', [
-    ('shm',), ('auto',), ('shm', 'auto'), ('auto', 'raw', 'compressed')])
+    ('shm',), ('auto',), ('shm', 'auto'), ('shm', 'raw'), ('auto', 'raw', 'compressed')])
 def test_awaited_subscribers_of_every_transport(
         node: Node, camera: Node, transports: tuple[str, ...]) -> None:
     topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED,
@@ -112,7 +112,8 @@ def test_frames_of_any_source_are_shared(node: Node, camera: Node, is_live: bool
 
 @pytest.mark.parametrize('failures', [3, 10**9], ids=['for a while', 'for ever'])
 def test_frame_of_a_file_waits_for_shared_memory(
-        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch, failures: int) -> None:
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str], failures: int) -> None:
     topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
     viewer = Viewer(node)
     viewer.watch(lambda: topics.images.get_subscription_count() > 0)
@@ -139,7 +140,6 @@ def test_frame_of_a_file_waits_for_shared_memory(
         if left >= 0:
             raise SharedMemoryError('no room')
 
-    monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 1.0)
     monkeypatch.setattr(writer, 'allocate_pages', fail)
     monkeypatch.setattr(topics._topics.shared._writer, '_allocated', {})
     publisher = Thread(target=lambda: [publish() for _ in range(5)])
@@ -149,7 +149,24 @@ def test_frame_of_a_file_waits_for_shared_memory(
     viewer.subscription.destroy()
     topics.close()
     assert left < failures
+    assert 'may lose frames' not in capfd.readouterr().err
     assert viewer.numbers == {'eye': [*range(1, number + 1)]}
+
+
+def test_publisher_waits_again_without_readers(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    node.create_subscription(Image, TOPIC, print, 10)
+    spin_until(node, lambda: topics.images.get_subscription_count() > 0)
+    monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 0.05)
+    assert not topics.backlog.deliver(lambda: False)  # to a reader that leaves after this
+    output = OutputImage(CapturedFrame(picture(1), '16UC1'), OutputSettings())
+    topics.publish(output, Time(), 'eye', is_live=False)
+    assert topics.backlog.wait_for_all()
+    monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 30.0)
+    room = iter((False, False, True))
+    assert topics.backlog.deliver(lambda: next(room))
+    topics.close()
 
 
 def test_conversion_writes_where_subscribers_read(

@@ -80,6 +80,20 @@ def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_sink: SlowSink) 
     assert [line.partition(':')[0] for line in console.lines] == ['warning']
 
 
+def test_room_in_the_queue(tmp_path: Path, slow_sink: SlowSink) -> None:
+    recorder = Recorder(slow_sink, Console(), queue_size=2, writers=1)
+    recorder.put(gray_frame(0))
+    assert slow_sink.has_begun.wait(DEADLINE)  # it is not in the queue any more
+    room = []
+    for number in range(1, 3):
+        room.append(recorder.has_room)
+        recorder.put(gray_frame(number))
+    assert (room, recorder.has_room) == ([True, True], False)
+    slow_sink.may_write.set()
+    recorder.close()
+    assert recorder.has_room
+
+
 def test_blocking_queue_loses_no_frame(tmp_path: Path, slow_sink: SlowSink) -> None:
     recorder = Recorder(slow_sink, Console(), queue_size=3, writers=2, block=True)
     putting = threading.Thread(

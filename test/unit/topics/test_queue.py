@@ -68,7 +68,22 @@ def test_frames_that_find_the_queue_full(capacity: int, kept: list[int]) -> None
 def test_frames_that_may_exceed_the_capacity() -> None:
     queue = FrameQueue(2)
     put(queue, 1, 2, 3, 4, keeps_all=True)
-    assert (pop_all(queue), queue.skipped) == ([1, 2, 3, 4], 0)
+    put(queue, 5)  # replaces one
+    assert (pop_all(queue), queue.skipped) == ([2, 3, 4, 5], 1)
+
+
+@pytest.mark.parametrize('end', ['pop', 'close'])
+def test_thread_that_waits_for_room(end: str) -> None:
+    queue = FrameQueue(2)
+    assert queue.wait_for_room(0.0)
+    put(queue, 1, 2)
+    assert not queue.wait_for_room(0.01)
+    found: list[bool] = []
+    waiting = Thread(target=lambda: found.append(queue.wait_for_room(10 * DEADLINE)))
+    waiting.start()
+    getattr(queue, end)()
+    waiting.join(DEADLINE)
+    assert found == [True]
 
 
 def test_repeated_frame_is_in_no_count() -> None:

@@ -28,10 +28,12 @@ from conftest import DEADLINE, spin_until
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.topics import order, shared_frames, shared_source
 from opencv_tools.topics.order import Way
-from opencv_tools.topics.shared_source import SharedSource
+from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
+from opencv_tools.topics.shared_source import Origin, SharedSource, WriterEndedError
 from opencv_tools.transport.shared_frames import publisher as shared_publisher
 from opencv_tools.transport.shared_frames.announcement import (
     announce, Announcement, read_announcement, SUFFIX)
+from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH, MAX_READERS, process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.reader import MAX_VIEWS
@@ -457,6 +459,48 @@ def test_shared_frames_at_close(
         ours.send()
     assert viewer.subscription.close(lambda: True) == 0
     assert viewer.numbers['ours'] == [*range(1, ours.sent + 1)]
+
+
+@pytest.mark.parametrize('end', ['of the writer', 'of the subscription'])
+def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
+    publisher = bytes(range(16))
+    writer = process_memory().create_writer(1, overwrites=False)
+    origin = Origin(publisher, writer.service, publisher_identity(publisher, TOPIC))
+    queue = FrameQueue(2)
+    queue.order.change(publisher, Way.SHARED)
+    source = SharedSource(
+        origin, process_memory().open_reader(writer.service, MAX_DEPTH), queue,
+        lambda: None, lambda: None)
+    for number in range(1, MAX_DEPTH + 1):
+        header = FrameHeader(number=number, height=1, width=1, step=1, sec=number)
+        header.identity[:] = origin.identity
+        slot = writer.lend(1)
+        slot.data[:] = number
+        assert slot.publish(header, '', 'mono8')
+    wait_until(lambda: queue.is_full, 'a full queue')
+    numbers: list[int] = []
+
+    def pop() -> bool:
+        found = queue.pop()
+        if found:
+            assert isinstance(found, ReceivedMessage)
+            assert source.error is None or queue.count == MAX_DEPTH
+            numbers.append(found.message.header.sec)
+        return len(numbers) == MAX_DEPTH
+
+    if end == 'of the writer':
+        del slot, writer
+        gc.collect()
+        time.sleep(0.2)  # longer than the thread takes to notice it
+        wait_until(pop, 'all frames')
+        wait_until(lambda: isinstance(source.error, WriterEndedError), 'the end of the source')
+    else:
+        source.receive()
+        while not pop():
+            assert queue.has_frames
+    source.close()
+    source.join()
+    assert (numbers, queue.skipped) == ([*range(1, MAX_DEPTH + 1)], 0)
 
 
 @pytest.mark.parametrize('is_shared', [False, True])
