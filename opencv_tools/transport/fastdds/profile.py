@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import fcntl
 import math
 import os
+from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from opencv_tools.transport.fastdds.shared_memory import (
@@ -260,8 +261,11 @@ def _profile(text: str) -> Iterator[None]:
         for folder in (SHARED_MEMORY, None):
             with suppress(OSError):
                 file = stack.enter_context(NamedTemporaryFile(
-                    'wb', buffering=0, dir=folder, prefix='opencv_tools_', suffix='.xml'))
-                fcntl.flock(file, fcntl.LOCK_EX)  # without it, the next node removes the file
+                    'wb', buffering=0, dir=folder, prefix='opencv_tools_', suffix='.xml',
+                    delete=False))
+                # Another node removes a file that is not locked: it is unlinked before the close.
+                stack.callback(Path(file.name).unlink, missing_ok=True)
+                fcntl.flock(file, fcntl.LOCK_EX)
                 file.write(text.encode())
                 os.environ[variable] = file.name
                 stack.callback(os.environ.pop, variable)

@@ -268,7 +268,8 @@ def test_killed_subscriber_of_shared_frames(start: Start, tmp_path: Path) -> Non
     killed, other = (start('img_subscriber', '--ros-args', '-r', f'__node:={name}',
                            output_dir=tmp_path / name, transport='shm')
                      for name in ('killed', 'other'))
-    publisher = start('img_publisher', source='pattern:64x48@200', publish_rate=0)
+    publisher = start('img_publisher', source='pattern:64x48@200', publish_rate=0,
+                      wait_for_subscribers=2)
     for subscriber in (killed, other):
         subscriber.wait_for('Receiving video frame')
     killed.interrupt(signal.SIGKILL)

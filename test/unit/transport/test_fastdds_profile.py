@@ -142,6 +142,12 @@ def test_profile_without_writable_shared_memory(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_profile_that_another_process_has_removed() -> None:
+    with configured_fastdds(VGA):
+        Path(os.environ[PROFILE]).unlink()
+    assert PROFILE not in os.environ
+
+
 def test_profile_removed_after_an_exception() -> None:
     paths = []
     with pytest.raises(ValueError, match='no node'), configured_fastdds(VGA):
