@@ -274,7 +274,7 @@ class Stage:
         used = set[Path]().union(*(child.shared_files for child in self.children))
         if self._case.publisher_end == 'killed':
             remove_left(used)
-        left = {path for path in used if path.exists()}
+        left = {path for path in used if path.exists() and not path.is_dir()}  # as it lists one
         return left.difference(*map(shared_files, Path('/proc').glob('[0-9]*'))) if left else left
 
     def close(self) -> None:
