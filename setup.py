@@ -22,7 +22,7 @@ setup(
     name=package_name,
     version='0.2.0',
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed', 'viewer/page/*']},
+    package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'viewer/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),

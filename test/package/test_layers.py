@@ -31,7 +31,7 @@ MODULES = sorted(
 
 # Modules of a room import only what stands here, beside the standard library and numpy.
 PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs',
-        'opencv_tools.rate_limit', 'opencv_tools.regular_files',
+        'opencv_tools.message_types', 'opencv_tools.rate_limit', 'opencv_tools.regular_files',
         'opencv_tools.recording.naming', 'opencv_tools.robot',
         'opencv_tools.viewer.access', 'opencv_tools.viewer.errors',
         'opencv_tools.viewer.link_rate', 'opencv_tools.viewer.page_files',
@@ -59,6 +59,8 @@ ALLOWED = {
         'opencv_tools.rate_limit', 'opencv_tools.topics', 'opencv_tools.transport',
         'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.logs': {'opencv_tools.image.text'},
+    'opencv_tools.message_types': {'opencv_tools.message_types', 'opencv_tools.image',
+                                   'rosidl_adapter'},
     'opencv_tools.rate_limit': set(),
     'opencv_tools.progress': {'opencv_tools.logs', 'tqdm'},
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.bags',
@@ -81,7 +83,8 @@ ALLOWED = {
         'opencv_tools.logs', 'rcl_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.transport': {
         'opencv_tools.transport', 'opencv_tools.image', 'opencv_tools.logs',
-        'opencv_tools.regular_files', 'ament_index_python', 'rclpy', 'sensor_msgs', 'std_msgs'},
+        'opencv_tools.message_types', 'opencv_tools.regular_files', 'ament_index_python', 'rclpy',
+        'sensor_msgs', 'std_msgs'},
     'opencv_tools.transport.shared_frames.memory': {
         'opencv_tools.transport.shared_frames', 'iceoryx2'},
     'opencv_tools.signals': set(),

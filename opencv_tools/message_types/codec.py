@@ -1,0 +1,253 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Conversion of messages of any type to and from CDR, the serialisation format of ROS 2.
+
+`opencv_tools.image.cdr` does this faster for images. Here a message is a dict of its fields: a
+message in a field is a dict, numbers in arrays are a numpy array, other arrays are lists.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from opencv_tools.image.errors import CdrError
+from opencv_tools.image.text import printable
+from opencv_tools.message_types.definition import Array, Field, MessageType, PLACEHOLDER
+
+_HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
+_ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}
+_TYPES = {'bool': '?', 'byte': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1', 'int16': 'i2',
+          'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
+          'float32': 'f4', 'float64': 'f8'}
+_COUNT = np.dtype('u4')
+_MAX_SHOWN = 40  # characters of a value in an error
+
+
+class MessageCodec:
+    """
+    Convert messages of one type to and from CDR.
+
+    Wide strings are not supported, because their size in CDR differs between ROS releases.
+    """
+
+    def __init__(self, message_type: MessageType) -> None:
+        """
+        Prepare the conversion.
+
+        :raises CdrError: the type has wide strings.
+        """
+        self._type = message_type
+        for name, definition in message_type.definitions.items():
+            for field in definition.fields:
+                if field.base == 'wstring':
+                    raise CdrError(f'{name}.{field.name} is a wide string, which is not supported')
+
+    def write(self, message: Mapping[str, Any]) -> bytes:
+        """
+        Convert a message to CDR.
+
+        :param message: values by name. A field without a value has the default of the definition,
+            else 0, ``''`` or no values.
+        :returns: little-endian CDR.
+        :raises CdrError: a field is unknown, or its value does not have its type.
+        """
+        writer = _Writer(self._type)
+        writer.message(self._type.name, message)
+        return writer.finish()
+
+    def read(self, serialized: Any) -> dict[str, Any]:
+        """
+        Read a message from CDR.
+
+        :param serialized: buffer of CDR, little-endian or big-endian.
+        :returns: values by name. Arrays of numbers are views of the buffer, read-only.
+        :raises CdrError: the bytes are not plain CDR, are too few, or have a string that is not
+            UTF-8.
+        """
+        return _Reader(self._type, serialized).message(self._type.name)
+
+
+class _Reader:
+    """
+    Reads fields one after the other.
+
+    Each value takes at least one byte, so the number of values is limited by that of the bytes.
+    """
+
+    def __init__(self, message_type: MessageType, serialized: Any) -> None:
+        data = memoryview(serialized).cast('B').toreadonly()
+        order = _ORDERS.get(bytes(data[:2]))
+        if order is None or len(data) < _HEAD_SIZE:
+            raise CdrError(f'{len(data)} bytes that are not plain CDR')
+        self._definitions = message_type.definitions
+        self._order = order
+        self._data = data[_HEAD_SIZE:]
+        self._position = 0
+
+    def message(self, name: str) -> dict[str, Any]:
+        """Read the fields of a message."""
+        return {field.name: value for field in self._definitions[name].fields
+                for value in (self._field(field),) if field.name != PLACEHOLDER}
+
+    def _field(self, field: Field) -> Any:
+        if field.array is Array.NONE:
+            return self._value(field)
+        count = field.size
+        if field.array is not Array.FIXED:
+            count = int(self._numbers(_COUNT, 1)[0])
+            if field.array is Array.BOUNDED and count > field.size:
+                raise CdrError(f'{field.name} has {count} values, at most {field.size} are '
+                               'allowed')
+        if field.base in _TYPES:
+            return self._numbers(np.dtype(_TYPES[field.base]), count)
+        if count > len(self._data) - self._position:
+            raise CdrError(f'{field.name} has {count} values, but only '
+                           f'{len(self._data) - self._position} bytes follow')
+        return [self._value(field) for _ in range(count)]
+
+    def _value(self, field: Field) -> Any:
+        if field.is_message:
+            return self.message(field.base)
+        if field.base == 'string':
+            return self._string(field)
+        return self._numbers(np.dtype(_TYPES[field.base]), 1)[0].item()
+
+    def _string(self, field: Field) -> str:
+        size = int(self._numbers(_COUNT, 1)[0])
+        content = bytes(self._bytes(size)).removesuffix(b'\0')
+        try:
+            return content.decode()
+        except UnicodeDecodeError as err:
+            raise CdrError(f'{field.name} is not UTF-8: {err}') from err
+
+    def _numbers(self, dtype: np.dtype[Any], count: int) -> np.ndarray[Any, Any]:
+        if count:
+            self._bytes(-self._position % dtype.itemsize)
+        found = np.frombuffer(self._bytes(count * dtype.itemsize), dtype.newbyteorder(self._order))
+        if dtype.kind == 'b':  # any other byte than 0 and 1 would be an invalid bool of numpy
+            return found.view(np.uint8) != 0
+        return found
+
+    def _bytes(self, size: int) -> memoryview:
+        end = self._position + size
+        if end > len(self._data):
+            raise CdrError(f'{len(self._data)} bytes, but at least {end} belong to the message')
+        taken = self._data[self._position:end]
+        self._position = end
+        return taken
+
+
+class _Writer:
+    """Writes fields one after the other."""
+
+    def __init__(self, message_type: MessageType) -> None:
+        self._definitions = message_type.definitions
+        self._data = bytearray()
+
+    def finish(self) -> bytes:
+        return b'\0\1\0\0' + self._data
+
+    def message(self, name: str, values: Mapping[str, Any]) -> None:
+        """Write the fields of a message."""
+        if not isinstance(values, Mapping):
+            raise CdrError(f'{_shown(values)} is not a mapping of the fields of {name}')
+        fields = self._definitions[name].fields
+        unknown = [*values.keys() - {field.name for field in fields}]
+        if unknown:
+            raise CdrError(f"{name} has no field '{printable(unknown[0], _MAX_SHOWN)}'")
+        for field in fields:
+            value = values.get(field.name)
+            self._field(field, field.default if value is None else value)
+
+    def _field(self, field: Field, value: Any) -> None:
+        if field.array is Array.NONE:
+            self._value(field, value)
+            return
+        if field.base in _TYPES:
+            values: Any = self._array(field, value)
+        elif value is None:
+            values = [None] * field.size if field.array is Array.FIXED else ()
+        elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
+            values = value
+        else:
+            raise CdrError(f'{field.name} is an array, not {_shown(value)}')
+        count = len(values)
+        if (count != field.size if field.array is Array.FIXED
+                else field.array is Array.BOUNDED and count > field.size):
+            raise CdrError(f'{field.name} has {count} values, {field.size} are '
+                           + ('required' if field.array is Array.FIXED else 'the most'))
+        if field.array is not Array.FIXED:
+            self._numbers(np.array([count], _COUNT))
+        if field.base in _TYPES:
+            self._numbers(values)
+        else:
+            for each in values:
+                self._value(field, each)
+
+    def _value(self, field: Field, value: Any) -> None:
+        if field.is_message:
+            self.message(field.base, {} if value is None else value)
+        elif field.base == 'string':
+            self._string(field, '' if value is None else value)
+        else:
+            self._numbers(self._checked(field, [0 if value is None else value]))
+
+    def _string(self, field: Field, value: Any) -> None:
+        if not isinstance(value, str):
+            raise CdrError(f'{field.name} is a string, not {_shown(value)}')
+        try:
+            content = value.encode()
+        except UnicodeEncodeError as err:
+            raise CdrError(f'{field.name} cannot be written as UTF-8: {err}') from err
+        if b'\0' in content or (field.string_size and len(content) > field.string_size):
+            raise CdrError(f'{field.name} contains a NUL, or more than {field.string_size} bytes')
+        self._numbers(np.array([len(content) + 1], _COUNT))
+        self._data += content + b'\0'
+
+    def _array(self, field: Field, value: Any) -> np.ndarray[Any, Any]:
+        if value is None:
+            return np.zeros(field.size if field.array is Array.FIXED else 0, _TYPES[field.base])
+        if isinstance(value, bytes | bytearray | memoryview):
+            value = np.frombuffer(value, np.uint8)
+        return self._checked(field, value)
+
+    def _checked(self, field: Field, value: Any) -> np.ndarray[Any, Any]:
+        """Return values as an array of the type of a field, if it can represent them."""
+        dtype = np.dtype(_TYPES[field.base])
+        try:
+            given = np.asarray(value)
+            if given.ndim != 1 or (given.size and given.dtype.kind not in 'biuf'):
+                raise ValueError('not a number')
+            with np.errstate(invalid='ignore', over='ignore'):
+                converted = given.astype(dtype)
+            fits = (np.array_equal(np.isfinite(converted), np.isfinite(given))
+                    if dtype.kind == 'f' else np.array_equal(converted, given))
+        except (TypeError, ValueError, OverflowError) as err:
+            raise CdrError(f'{field.name} is {field.base}, not {_shown(value)}') from err
+        if not fits:
+            raise CdrError(f'{field.name} is {field.base}, which {_shown(value)} does not fit')
+        return converted
+
+    def _numbers(self, values: np.ndarray[Any, Any]) -> None:
+        if values.size:
+            self._data += bytes(-len(self._data) % values.itemsize)
+            self._data += values.astype(values.dtype.newbyteorder('<')).tobytes()
+
+
+def _shown(value: Any) -> str:
+    return printable(f'{value!r}', _MAX_SHOWN)

@@ -1,0 +1,167 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""CDR of messages of any type: that of rclpy, and hostile bytes."""
+
+from __future__ import annotations
+
+import tracemalloc
+from typing import Any
+
+from hypothesis import given, settings, strategies
+from installed_messages import (
+    compiled_class, installed_texts, installed_type, random_message, SEPARATOR)
+import numpy as np
+from opencv_tools.image.errors import CdrError
+from opencv_tools.message_types.codec import MessageCodec
+from opencv_tools.message_types.definition import read_definition
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+
+HEAD = b'\0\1\0\0'
+TEXT = f"""\
+int8 small
+float64 large 2.5
+string<=4 name "ab"
+uint16[2] pair
+B[] others
+int32[<=3] few [7]
+bool[] flags
+{SEPARATOR}a/B
+string[<=2] words
+float32 number
+"""
+
+
+@pytest.fixture(scope='module')
+def codec() -> MessageCodec:
+    return MessageCodec(read_definition('a/A', TEXT))
+
+
+def plain(value: Any) -> Any:
+    """Return a value that was read with lists instead of arrays."""
+    if isinstance(value, dict):
+        return {name: plain(each) for name, each in value.items()}
+    return [plain(each) for each in value] if isinstance(value, list | np.ndarray) else value
+
+
+def test_every_compiled_type_reads_and_writes_the_same_bytes() -> None:
+    random = np.random.default_rng(1)
+    for name in installed_texts():
+        message_type = installed_type(name)
+        codec = MessageCodec(message_type)
+        for message in ({}, *(random_message(message_type, name, random) for _ in range(3))):
+            written = codec.write(message)
+            assert not message or plain(codec.read(written)) == message, name
+            passed_on = serialize_message(deserialize_message(written, compiled_class(name)))
+            # rclpy leaves arbitrary bytes between the fields, and behind the last one.
+            assert len(passed_on) >= len(written), name
+            assert plain(codec.read(passed_on)) == plain(codec.read(written)), name
+            assert codec.write(codec.read(passed_on)) == written, name
+        assert plain(codec.read(serialize_message(compiled_class(name)()))) == plain(
+            codec.read(codec.write({}))), name
+
+
+def test_bytes(codec: MessageCodec) -> None:
+    written = codec.write({'small': -2, 'pair': (1, 2), 'others': [
+        {'words': ('é', '')}, {'number': 0.5}], 'few': np.array([3]), 'flags': b'\1\0'})
+    assert written == HEAD + bytes.fromhex(
+        'fe 00000000000000 0000000000000440 03000000 616200 00 0100 0200 02000000'
+        '02000000 03000000 c3a900 00 01000000 00 000000 00000000 00000000 0000003f'
+        '01000000 03000000 02000000 0100')
+    assert plain(codec.read(memoryview(written))) == {
+        'small': -2, 'large': 2.5, 'name': 'ab', 'pair': [1, 2],
+        'others': [{'words': ['é', ''], 'number': 0.0}, {'words': [], 'number': 0.5}],
+        'few': [3], 'flags': [True, False]}
+
+
+def test_big_endian() -> None:
+    codec = MessageCodec(read_definition('a/A', 'uint8 a\nfloat64 b\nuint16[] c\nstring d'))
+    found = codec.read(b'\0\0\0\0' + bytes.fromhex(
+        '07 00000000000000 4004000000000000 00000002 0001 0002 00000002 4100'))
+    assert plain(found) == {'a': 7, 'b': 2.5, 'c': [1, 2], 'd': 'A'}
+    assert not found['c'].flags.writeable
+
+
+def test_arrays_are_views() -> None:
+    codec = MessageCodec(read_definition('a/A', 'uint8[] data'))
+    written = bytearray(codec.write({'data': np.arange(9, dtype=np.uint8)}))
+    found = codec.read(written)['data']
+    written[-1] = 99
+    assert found.tolist() == [*range(8), 99]
+
+
+@pytest.mark.parametrize(('message', 'text'), [
+    ({'tall': 1}, "a/msg/A has no field 'tall'"), ({1: 1}, "a/msg/A has no field '1'"),
+    ([], '[] is not a mapping of the fields of a/msg/A'),
+    ({'small': 128}, 'small is int8, which [128] does not fit'),
+    ({'small': 1.5}, 'does not fit'), ({'small': float('nan')}, 'does not fit'),
+    ({'small': 'x'}, "small is int8, not ['x']"), ({'small': [1]}, 'small is int8'),
+    ({'small': {}}, 'small is int8'), ({'large': 10**400}, 'large is float64'),
+    ({'pair': [1]}, 'pair has 1 values, 2 are required'), ({'pair': 5}, 'pair is uint16, not 5'),
+    ({'pair': [[1, 2]]}, 'pair is uint16'), ({'pair': [-1, 0]}, 'does not fit'),
+    ({'few': [1] * 4}, 'few has 4 values, 3 are the most'),
+    ({'name': 5}, 'name is a string, not 5'), ({'name': '12345'}, 'more than 4 bytes'),
+    ({'name': 'a\0'}, 'contains a NUL'), ({'name': '\ud800'}, 'cannot be written as UTF-8'),
+    ({'others': 'ab'}, "others is an array, not 'ab'"), ({'others': {}}, 'is an array, not {}'),
+    ({'others': 5}, 'others is an array, not 5'), ({'others': [5]}, '5 is not a mapping'),
+    ({'others': [{'words': ['a'] * 3}]}, 'words has 3 values'),
+    ({'others': [{'number': 1e39}]}, 'does not fit')])
+def test_wrong_values(codec: MessageCodec, message: Any, text: str) -> None:
+    with pytest.raises(CdrError) as raised:
+        codec.write(message)
+    assert text in str(raised.value)
+
+
+@pytest.mark.parametrize('fields', ['wstring a', 'wstring<=3[] a'])
+def test_wide_strings(fields: str) -> None:
+    with pytest.raises(CdrError, match=r'a/msg/B\.a is a wide string, which is not supported'):
+        MessageCodec(read_definition('a/A', f'B b{SEPARATOR}a/B\n{fields}'))
+
+
+@pytest.mark.parametrize(('data', 'text'), [
+    (b'', '0 bytes that are not plain CDR'), (b'\0\1', '2 bytes that are not'),
+    (b'\0\3\0\0', 'not plain CDR'), (HEAD, '0 bytes, but at least 1 belong'),
+    (HEAD + b'\xff' * 20, '20 bytes, but at least 4294967315 belong'),
+    (HEAD + bytes(16) + b'\2\0\0\0\xff\0', 'is not UTF-8'),
+    (HEAD + bytes(20) + bytes(4) + b'\xff\xff\xff\xff' + bytes(50),
+     'others has 4294967295 values, but only 50 bytes follow'),
+    (HEAD + bytes(20) + bytes(4) + bytes(4) + b'\4\0\0\0' + bytes(50),
+     'few has 4 values, at most 3 are allowed')])
+def test_wrong_bytes(codec: MessageCodec, data: bytes, text: str) -> None:
+    with pytest.raises(CdrError, match=text):
+        codec.read(data)
+
+
+def test_claimed_sizes_cost_no_memory() -> None:
+    huge = 'uint8[4294967295] a', 'B[4294967295] a', 'uint64[] a', 'B[] a', 'string[] a'
+    tracemalloc.start()
+    try:
+        for fields in huge:
+            codec = MessageCodec(read_definition('a/A', f'{fields}{SEPARATOR}a/B\nint8 a'))
+            with pytest.raises(CdrError):
+                codec.read(HEAD + b'\xff' * 10_000)
+        assert tracemalloc.get_traced_memory()[1] < 3_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@settings(max_examples=300, deadline=None)
+@given(strategies.binary(max_size=120), strategies.sampled_from([b'', HEAD, b'\0\0\0\0']))
+def test_any_bytes_are_read_or_refused(codec: MessageCodec, data: bytes, head: bytes) -> None:
+    try:
+        found = codec.read(head + data)
+    except CdrError:
+        return
+    assert plain(codec.read(codec.write(found))) == pytest.approx(plain(found), nan_ok=True)

@@ -1,0 +1,186 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Message types without compiled code, in real nodes of several processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import sys
+from typing import Any
+
+from conftest import NodeProcess, spin_until
+from installed_messages import (
+    compiled_class, installed_texts, installed_type, random_message, SEPARATOR, whole_text)
+import numpy as np
+from opencv_tools.message_types.codec import MessageCodec
+from opencv_tools.message_types.definition import DefinitionError, read_definition
+from opencv_tools.transport import message_class as module
+from opencv_tools.transport.message_class import message_class
+from opencv_tools.transport.type_support import hash_of, TypeSupport
+import pytest
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CompressedImage
+from type_description_interfaces.srv import GetTypeDescription
+
+Start = Callable[..., NodeProcess]
+VIDEO = 'foxglove_msgs/msg/CompressedVideo'
+
+# Made types cannot be beside compiled ones of the same name in one process.
+PROGRAM = """
+import sys
+from pathlib import Path
+import rclpy
+from opencv_tools.message_types.definition import read_definition
+from opencv_tools.transport.type_support import TypeSupport
+
+name, topic, text, data = sys.argv[1], sys.argv[2], Path(sys.argv[3]), bytes.fromhex(sys.argv[4])
+made = TypeSupport(read_definition(name, text.read_text())).python_class()
+rclpy.init()
+node = rclpy.create_node('made')
+publisher = node.create_publisher(made, topic, 10)
+received = []
+node.create_subscription(made, f'{topic}_back', received.append, 10, raw=True)
+while not any(message.startswith(data) and len(message) < len(data) + 4 for message in received):
+    publisher.publish(data)
+    rclpy.spin_once(node, timeout_sec=0.05)
+print('received', flush=True)
+rclpy.spin(node)
+"""
+
+
+@pytest.mark.parametrize('name', [
+    'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/JointState', 'std_msgs/msg/Empty',
+    'diagnostic_msgs/msg/DiagnosticArray', 'rcl_interfaces/msg/ParameterEvent'])
+def test_made_and_compiled_types_in_two_processes(
+        node: Node, start: Start, tmp_path: Path, name: str) -> None:
+    text, program = tmp_path / 'type.msg', tmp_path / 'made.py'
+    text.write_text(whole_text(name))
+    program.write_text(PROGRAM)
+    message_type, kind = installed_type(name), compiled_class(name)
+    codec = MessageCodec(message_type)
+    sent = codec.write(random_message(message_type, name, np.random.default_rng(5)))
+    received: list[Any] = []
+    publisher = node.create_publisher(kind, 'made_back', 10)
+    node.create_subscription(kind, 'made', received.append, 10)
+    other = start(str(program), name, 'made', str(text), sent.hex())
+    spin_until(node, lambda: len(received) > 2)
+    assert codec.write(codec.read(serialize_message(received[-1]))) == sent
+    found, = node.get_publishers_info_by_topic('made')
+    assert found.topic_type == name
+    assert found.topic_type_hash.value == hash_of(kind) == TypeSupport(message_type).type_hash
+
+    def is_received() -> bool:
+        publisher.publish(sent)
+        return 'received\n' in other.output
+
+    spin_until(node, is_received)
+    client = node.create_client(GetTypeDescription, 'made/get_type_description')
+    spin_until(node, client.service_is_ready)
+    future = client.call_async(GetTypeDescription.Request(
+        type_name=name, type_hash=str(found.topic_type_hash), include_type_sources=True))
+    spin_until(node, future.done)
+    answer = future.result()
+    assert answer.successful, answer.failure_reason
+    described = answer.type_description
+    definitions = message_type.definitions
+    assert [described.type_description.type_name,
+            *(other.type_name for other in described.referenced_type_descriptions)] == [
+        name, *sorted(definitions.keys() - {name})]
+    assert [field.name for field in described.type_description.fields] == [
+        field.name for field in definitions[name].fields]
+    assert {source.type_name: source.raw_file_contents.strip()
+            for source in answer.type_sources} == {
+        inner: definition.text.strip() for inner, definition in definitions.items()}
+
+
+def test_type_without_a_compiled_package(node: Node) -> None:
+    codec = MessageCodec(read_definition(VIDEO))
+    video = message_class(VIDEO)
+    assert message_class('foxglove_msgs/CompressedVideo') is video
+    received: list[bytes] = []
+    publisher = node.create_publisher(video, 'video', 10)
+    node.create_subscription(video, 'video', received.append, 10, raw=True)
+    sent = codec.write({'timestamp': {'sec': 5}, 'frame_id': 'eye', 'format': 'h264',
+                        'data': np.arange(200_000) % 251})
+    spin_until(node, lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(sent)
+    spin_until(node, lambda: bool(received))
+    assert received == [sent]
+    assert dict(node.get_topic_names_and_types())['/video'] == [VIDEO]
+
+
+def test_messages_of_a_made_type_are_refused(node: Node) -> None:
+    video = message_class(VIDEO)
+    with pytest.raises(TypeError, match=f'{VIDEO} has no messages in Python; publish bytes'):
+        video()
+    publisher = node.create_publisher(video, 'refused', 10)
+    with pytest.raises(TypeError):
+        publisher.publish(object())
+    node.create_subscription(video, 'refused', print, 10)  # without raw=True
+    with pytest.raises(MemoryError):
+        spin_until(node, lambda: publisher.publish(bytes(28)) or False)
+
+
+def test_compiled_class_is_preferred() -> None:
+    name = 'sensor_msgs/msg/CompressedImage'
+    assert message_class(name) is message_class('sensor_msgs/CompressedImage') is CompressedImage
+    assert message_class(name, whole_text(name)) is CompressedImage
+    older = message_class(name, 'uint8[] data')
+    assert older is not CompressedImage
+    assert message_class(name, 'uint8[]  data # the same') is older
+    with pytest.raises(DefinitionError, match=f'{name} is in use with another definition'):
+        message_class(name, 'uint8[9] data')
+    assert message_class(name) is CompressedImage
+
+
+def test_names_do_not_choose_what_is_imported(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = tmp_path / 'harmful'
+    package.mkdir()
+    package.joinpath('__init__.py').write_text('raise SystemExit("imported")')
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ('harmful', 'antigravity', 'opencv_tools', 'nothing_of_this_name'):
+        with pytest.raises(DefinitionError, match='is not known'):
+            message_class(f'{name}/msg/A')
+    assert 'antigravity' not in sys.modules
+
+
+def test_number_of_types_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, '_made', {})
+    monkeypatch.setattr(module, '_MAX_TYPES', 2)
+    for number in range(2):
+        message_class(f'limit_msgs/msg/A{number}', 'int8 a')
+    with pytest.raises(DefinitionError, match='2 types are, which is the limit'):
+        message_class('limit_msgs/msg/A2', 'int8 a')
+    message_class('limit_msgs/msg/A1', 'int8 a')
+
+
+def test_every_array_and_string_is_described(node: Node) -> None:
+    bases = ('bool', 'byte', 'char', 'int8', 'uint8', 'int16', 'uint16', 'int32', 'uint32',
+             'int64', 'uint64', 'float32', 'float64', 'string', 'string<=7', 'wstring',
+             'wstring<=7', 'B')
+    text = '\n'.join(f'{base}{array} f{number}_{place}' for number, base in enumerate(bases)
+                     for place, array in enumerate(('', '[3]', '[<=3]', '[]')))
+    every = message_class('every_msgs/msg/Every', f'{text}{SEPARATOR}every_msgs/B\nint8 a')
+    node.create_publisher(every, 'every', 10)
+    found, = node.get_publishers_info_by_topic('every')
+    assert found.topic_type_hash.value == hash_of(every)
+
+
+def test_all_texts_are_found() -> None:
+    assert {name.partition('/')[0] for name in installed_texts()} > {
+        'sensor_msgs', 'geometry_msgs', 'std_msgs', 'nav_msgs', 'diagnostic_msgs'}
