@@ -162,7 +162,12 @@ def created_segments(pid: int) -> set[Path]:
             with suppress(FileNotFoundError):  # closed meanwhile
                 files.add(link.readlink())
     return {path.with_name(path.name.removesuffix('_el')) for path in files
-            if path.parent == _LOCKS and re.fullmatch('fastrtps_[0-9a-f]{16}_el', path.name)}
+            if path.parent == _LOCKS and re.fullmatch('fast(rtps|dds)_[0-9a-f]{16}_el', path.name)}
+
+
+def is_fastdds(file: Path) -> bool:
+    """Return whether a file of the shared memory is of Fast DDS 2 or Fast DDS 3."""
+    return 'fastrtps_' in file.name or 'fastdds_' in file.name
 
 
 def mapped_segments(pid: int) -> set[Path]:
@@ -172,7 +177,7 @@ def mapped_segments(pid: int) -> set[Path]:
     except OSError:
         return set()
     files = {Path(line.split()[-1]) for line in maps.splitlines() if '/dev/shm/' in line}
-    return {file for file in files if 'fastrtps' in file.name}
+    return {file for file in files if is_fastdds(file)}
 
 
 def remove_unused(segments: set[Path]) -> None:
@@ -188,8 +193,9 @@ def remove_unused(segments: set[Path]) -> None:
 
 def _ports(domain: int) -> set[Path]:
     """Return the ports of Fast DDS in a domain, also those that killed processes have left."""
-    names = {f'fastrtps_port{7400 + 250 * domain + number}' for number in range(250)}
-    return {path for path in _LOCKS.glob('fastrtps_port*') if path.name in names}
+    names = {f'{fast}_port{7400 + 250 * domain + number}'
+             for fast in ('fastrtps', 'fastdds') for number in range(250)}
+    return {path for path in _LOCKS.glob('fast*_port*') if path.name in names}
 
 
 def executable(name: str) -> str:

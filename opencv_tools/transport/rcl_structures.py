@@ -40,19 +40,43 @@ class RclString(ctypes.Structure):
 
 
 class RclBytes(ctypes.Structure):
-    """A rosidl_runtime_c__uint8__Sequence."""
+    """A rosidl_runtime_c__uint8__Sequence of Jazzy and Kilted."""
+
+    #: Whether ``data`` points to a rosidl::Buffer, whose memory may be that of a GPU.
+    is_rosidl_buffer: bool = False
 
     _fields_ = (('data', ctypes.c_void_p), ('size', ctypes.c_size_t),
                 ('capacity', ctypes.c_size_t))
 
 
-class RclImage(ctypes.Structure):
-    """A sensor_msgs__msg__Image; the fields of its header come first."""
+class RclBuffer(ctypes.Structure):
+    """A rosidl_runtime_c__uint8__Sequence since Lyrical."""
 
-    _fields_ = (
-        ('sec', ctypes.c_int32), ('nanosec', ctypes.c_uint32), ('frame_id', RclString),
-        ('height', ctypes.c_uint32), ('width', ctypes.c_uint32), ('encoding', RclString),
-        ('is_bigendian', ctypes.c_uint8), ('step', ctypes.c_uint32), ('data', RclBytes))
+    _fields_ = (*RclBytes._fields_, ('is_rosidl_buffer', ctypes.c_bool),
+                ('owns_rosidl_buffer', ctypes.c_bool))
+
+
+# The fields before the data; those of the header come first.
+_IMAGE_FIELDS = (
+    ('sec', ctypes.c_int32), ('nanosec', ctypes.c_uint32), ('frame_id', RclString),
+    ('height', ctypes.c_uint32), ('width', ctypes.c_uint32), ('encoding', RclString),
+    ('is_bigendian', ctypes.c_uint8), ('step', ctypes.c_uint32))
+
+
+class RclImage(ctypes.Structure):
+    """A sensor_msgs__msg__Image of Jazzy and Kilted."""
+
+    _fields_ = (*_IMAGE_FIELDS, ('data', RclBytes))
+
+
+class RclBufferImage(ctypes.Structure):
+    """A sensor_msgs__msg__Image since Lyrical."""
+
+    _fields_ = (*_IMAGE_FIELDS, ('data', RclBuffer))
+
+
+#: The known layouts of an image message.
+IMAGE_LAYOUTS: tuple[type[ctypes.Structure], ...] = (RclImage, RclBufferImage)
 
 
 class RclImages(ctypes.Structure):
@@ -130,26 +154,43 @@ def serialized_layout_matches(rcutils: Any) -> bool:
     return found == (True, 0, _CHECKED_BYTES, bytes(allocator), b'')
 
 
-def image_layout_matches(sensor_msgs: Any) -> bool:
-    """Return whether an image message of rclpy has the expected fields and size."""
+def find_image_layout(sensor_msgs: Any, convert: Any) -> Any:
+    """
+    Return the layout of an image message of rclpy.
+
+    :param sensor_msgs: library with the C functions of sensor_msgs.
+    :param convert: function that converts an Image of rclpy to one of C, at an address.
+    :returns: one of ``IMAGE_LAYOUTS``; None if none matches.
+    """
+    return next((layout for layout in IMAGE_LAYOUTS
+                 if _image_layout_matches(layout, sensor_msgs, convert)), None)
+
+
+def image_converter() -> Any:
+    """Return the function of rclpy that converts an Image to one of C."""
+    return ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p)(
+        _pointer(Image._CONVERT_FROM_PY, None))
+
+
+def _image_layout_matches(layout: Any, sensor_msgs: Any, convert: Any) -> bool:
+    """Return whether an image message has the fields and the size of a layout."""
     message = Image(height=3, width=4, encoding='mono8', is_bigendian=5, step=6, data=bytes(7))
     message.header.stamp.sec, message.header.stamp.nanosec = -1, 2
     message.header.frame_id = 'camera'
-    convert = ctypes.PYFUNCTYPE(ctypes.c_bool, ctypes.py_object, ctypes.c_void_p)(
-        _pointer(Image._CONVERT_FROM_PY, None))
     images = sensor_msgs.sensor_msgs__msg__Image__Sequence__create(ctypes.c_size_t(2))
     try:
         if not (images and convert(message, images.contents.data)):
             return False
         # The second image is where it is expected only if the first has the expected size.
-        image, empty = (RclImage.from_address(images.contents.data + offset)
-                        for offset in (0, ctypes.sizeof(RclImage)))
+        image, empty = (layout.from_address(images.contents.data + offset)
+                        for offset in (0, ctypes.sizeof(layout)))
         # The numbers are compared first, because pointers of another layout may be invalid.
         return (image.sec, image.nanosec, image.height, image.width, image.is_bigendian,
                 image.step, image.frame_id.size, image.encoding.size, image.data.size,
                 empty.frame_id.size, empty.frame_id.capacity, empty.encoding.capacity) == (
                     -1, 2, 3, 4, 5, 6, 6, 5, 7, 0, 1, 1) and (
-            image.frame_id.data, image.encoding.data) == (b'camera', b'mono8')
+            image.frame_id.data, image.encoding.data, image.data.is_rosidl_buffer) == (
+                b'camera', b'mono8', False)
     finally:
         sensor_msgs.sensor_msgs__msg__Image__Sequence__destroy(images)
 

@@ -17,8 +17,8 @@ Publish and take image messages through rcl directly, without rclpy's copies.
 
 rclpy copies a serialised message once before publishing and once after taking it, and blocks the
 interpreter meanwhile. This module passes the address of the pixels to rcl, and returns the memory
-that rcl has filled. If the layout of rcl's structures differs from ROS 2 Jazzy, rclpy is used with
-its copies.
+that rcl has filled. If the layout of rcl's structures is not a known one, rclpy is used with its
+copies.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import encode_text, image_to_cdr, WireHeader, WireImage
 from opencv_tools.transport.rcl_structures import (
-    image_layout_matches, MessageInfo, RclBytes, RclImage, RclImages, RclString, RcutilsAllocator,
+    find_image_layout, image_converter, MessageInfo, RclImages, RclString, RcutilsAllocator,
     RcutilsErrorString, RmwGid, RmwSerializedMessage, serialized_layout_matches, UNNUMBERED,
 )
 # This import comes first, because it loads the libraries below from their location.
@@ -52,11 +52,14 @@ _FUNCTIONS: dict[str, Sequence[str]] = {
                       'rcutils_uint8_array_init', 'rcutils_uint8_array_fini'),
     'libsensor_msgs__rosidl_generator_c.so': (
         'sensor_msgs__msg__Image__fini', 'sensor_msgs__msg__Image__Sequence__create',
-        'sensor_msgs__msg__Image__Sequence__destroy')}
+        'sensor_msgs__msg__Image__Sequence__destroy'),
+    # Since the release that has it, a rmw_gid_t and a rmw_message_info_t are as below.
+    'librosidl_runtime_c.so': ('rosidl_stringify_type_hash',)}
 
 _rcl: Any = None
 _rcutils: Any = None
 _sensor_msgs: Any = None
+_image_layout: Any = None
 _free = ctypes.CDLL(None).free
 _free.argtypes = [ctypes.c_void_p]
 _free.restype = None
@@ -97,13 +100,13 @@ class _ImageMemory:
     """Memory of an image message that rcl fills, freed with the last view of its data."""
 
     def __init__(self) -> None:
-        self.message = RclImage()
+        self.message = _image_layout()
         self.address = ctypes.addressof(self.message)
         self._free = _sensor_msgs.sensor_msgs__msg__Image__fini
 
     @property
     def __array_interface__(self) -> dict[str, Any]:
-        data = self.message.data
+        data = self.message.data  # no rosidl::Buffer, see take_image
         return {'shape': (data.size,), 'typestr': '|u1', 'data': (data.data or self.address, True),
                 'version': 3}
 
@@ -117,12 +120,10 @@ def use_rcl() -> str:
 
     :returns: reason for the use of rclpy; '' if rcl is used.
     """
-    global _rcl, _rcutils, _sensor_msgs
+    global _rcl, _rcutils, _sensor_msgs, _image_layout
     _rcl = _rcutils = _sensor_msgs = None
     if os.environ.get('OPENCV_TOOLS_TRANSPORT') == 'default':
         return 'OPENCV_TOOLS_TRANSPORT is default'
-    if os.environ.get('ROS_DISTRO', 'jazzy') != 'jazzy':
-        return f'ROS_DISTRO is {os.environ["ROS_DISTRO"]}'
     # This loads the library of sensor_msgs from its location.
     Image.__class__.__import_type_support__()
     try:
@@ -132,7 +133,7 @@ def use_rcl() -> str:
                 getattr(library, name)
     except (OSError, AttributeError) as err:
         return str(err)
-    rcl, rcutils, sensor_msgs = libraries
+    rcl, rcutils, sensor_msgs, _ = libraries
     rcl.rcl_publish.argtypes = [ctypes.c_void_p] * 3
     rcl.rcl_take.argtypes = rcl.rcl_take_serialized_message.argtypes = [ctypes.c_void_p] * 4
     rcl.rcl_publisher_get_rmw_handle.argtypes = [ctypes.c_void_p]
@@ -145,7 +146,8 @@ def use_rcl() -> str:
     sensor_msgs.sensor_msgs__msg__Image__Sequence__create.restype = ctypes.POINTER(RclImages)
     if not serialized_layout_matches(rcutils):
         return 'rmw_serialized_message_t has another layout'
-    if not image_layout_matches(sensor_msgs):
+    _image_layout = find_image_layout(sensor_msgs, image_converter())
+    if _image_layout is None:
         return 'sensor_msgs__msg__Image has another layout'
     _rcl, _rcutils, _sensor_msgs = rcl, rcutils, sensor_msgs
     return ''
@@ -170,10 +172,10 @@ def publish_image(publisher: rclpy_implementation.Publisher, image: WireImage) -
             publisher.publish_raw(image_to_cdr(image))
         return
     header, data = image.header, np.frombuffer(image.data, np.uint8)
-    message = RclImage(
+    message = _image_layout(
         header.sec, header.nanosec, _string(header.frame_id), image.height, image.width,
         _string(image.encoding), image.is_bigendian, image.step,
-        RclBytes(data.ctypes.data, data.nbytes, data.nbytes))
+        (data.ctypes.data, data.nbytes, data.nbytes))
     with publisher:
         _check(_rcl.rcl_publish(publisher.pointer, ctypes.byref(message), None))
 
@@ -242,6 +244,8 @@ def take_image(subscription: rclpy_implementation.Subscription) -> TakenImage:
         if message.frame_id.data is not None and not unreadable:
             unreadable = 'its data are cut off'
         return TakenImage(None, info, unreadable)
+    if message.data.is_rosidl_buffer:
+        return TakenImage(None, info, 'its data are in a rosidl::Buffer')
     frame_id, encoding = (
         (string.data or b'').decode(errors='replace')
         for string in (message.frame_id, message.encoding))

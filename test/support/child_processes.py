@@ -28,10 +28,10 @@ import subprocess
 from threading import Thread
 import time
 
-from conftest import created_segments, DEADLINE
+from conftest import created_segments, DEADLINE, is_fastdds
 
 _COLOUR = re.compile('\x1b\\[[0-9;]*m')
-_SHARED_FILE = re.compile(r'/dev/shm/\S*(?:fastrtps_[0-9a-f]{16}|opencv_tools_\S+)')
+_SHARED_FILE = re.compile(r'/dev/shm/\S*(?:fast(?:rtps|dds)_[0-9a-f]{16}|opencv_tools_\S+)')
 
 
 def wait_until(condition: Callable[[], bool], name: str, seconds: float = DEADLINE) -> None:
@@ -149,7 +149,7 @@ class Child:
         """Add the files in /dev/shm that the process uses now, of Fast DDS those it created."""
         created = created_segments(self._process.pid)
         self.shared_files |= {path for path in shared_files(Path(f'/proc/{self._process.pid}'))
-                              if path in created or 'fastrtps' not in path.name}
+                              if path in created or not is_fastdds(path)}
 
     def _close(self) -> None:
         if self._process.stdin:

@@ -25,7 +25,7 @@ import sys
 import time
 
 from child_processes import Child, Event, shared_files, wait_until
-from conftest import executable, read_manifest, read_pictures, remove_unused
+from conftest import executable, is_fastdds, read_manifest, read_pictures, remove_unused
 import numbered_nodes
 from numbered_pictures import number_of
 from opencv_tools.transport.shared_frames.memory import process_memory
@@ -290,4 +290,4 @@ class Stage:
 def remove_left(files: set[Path]) -> None:
     """Remove what killed processes have left, as the next process of the user does."""
     process_memory().remove_dead()
-    remove_unused({path for path in files if path.name.startswith('fastrtps')})
+    remove_unused({path for path in files if is_fastdds(path)})

@@ -21,6 +21,7 @@ from contextlib import contextmanager, ExitStack, suppress
 import ctypes
 from dataclasses import dataclass
 import fcntl
+from functools import cache
 import math
 import os
 from pathlib import Path
@@ -30,6 +31,7 @@ from opencv_tools.transport.fastdds.shared_memory import (
     find_other_user, free_bytes, is_writable, remove_dead_profiles, remove_dead_segments,
     SHARED_MEMORY)
 from opencv_tools.transport.scheduling import explain_refusal
+from rclpy.utilities import get_rmw_implementation_identifier
 
 #: Text of ``--help`` about the environment.
 ENVIRONMENT_HELP = (
@@ -71,16 +73,16 @@ _M_MMAP_THRESHOLD = -3
 _KEPT_BYTES = 256 * _MB
 _PADDING_BYTES = 64 * _MB
 
+# Variables of the profile, of Fast DDS 2 and Fast DDS 3.
+_OLD_VARIABLE, _VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
 # Variables and files of the user's own configuration, which is not changed.
-_USER_VARIABLES = (
-    'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE',
-    'FASTDDS_BUILTIN_TRANSPORTS')
+_USER_VARIABLES = (_OLD_VARIABLE, _VARIABLE, 'FASTDDS_BUILTIN_TRANSPORTS')
 _USER_FILES = ('DEFAULT_FASTRTPS_PROFILES.xml', 'DEFAULT_FASTDDS_PROFILES.xml')
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">{participant}
   <data_writer profile_name="opencv_tools_writer" is_default_profile="true">
-    <times><heartbeatPeriod><sec>0</sec><nanosec>{heartbeat}</nanosec></heartbeatPeriod></times>
+    <times><{period}><sec>0</sec><nanosec>{heartbeat}</nanosec></{period}></times>
   </data_writer>
 </profiles>
 """
@@ -240,7 +242,8 @@ def _describe_profile(segment: int, fragments: int, priority: int) -> str:
             for name, options in transports.items()),
         names=''.join(_elements(transport_id=name) for name in transports))
     return _PROFILE.format(
-        participant=participant if transports else '', heartbeat=_HEARTBEAT_NANOSECONDS)
+        participant=participant if transports else '', heartbeat=_HEARTBEAT_NANOSECONDS,
+        period='heartbeatPeriod' if is_fastdds_2() else 'heartbeat_period')
 
 
 def _elements(**values: object) -> str:
@@ -256,7 +259,7 @@ def _is_local() -> bool:
 @contextmanager
 def _profile(text: str) -> Iterator[None]:
     """Write a profile to a temporary file, if possible, and set the variable of Fast DDS."""
-    variable = _USER_VARIABLES[0]
+    variable = _OLD_VARIABLE if is_fastdds_2() else _VARIABLE
     with ExitStack() as stack:
         for folder in (SHARED_MEMORY, None):
             with suppress(OSError):
@@ -271,6 +274,13 @@ def _profile(text: str) -> Iterator[None]:
                 stack.callback(os.environ.pop, variable)
                 break
         yield
+
+
+@cache
+def is_fastdds_2() -> bool:
+    """Return whether the middleware of this process has Fast DDS 2, as that of Jazzy."""
+    get_rmw_implementation_identifier()  # which loads it
+    return 'libfastrtps.so' in Path('/proc/self/maps').read_text()
 
 
 def _keep_memory() -> None:

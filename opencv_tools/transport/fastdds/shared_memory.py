@@ -28,8 +28,9 @@ from opencv_tools.regular_files import open_regular, try_lock
 SHARED_MEMORY = Path('/dev/shm')
 
 # Each participant of Fast DDS has a segment and a port. It holds their lock files while it runs.
-_LOCK = re.compile(r'fastrtps_[0-9a-f]{16}_el')
-_PORT_LOCK = re.compile(r'fastrtps_port([0-9]{1,5})_el')
+# Their names begin with fastrtps in Fast DDS 2, and with fastdds in Fast DDS 3.
+_LOCK = re.compile(r'fast(?:rtps|dds)_[0-9a-f]{16}_el')
+_PORT_LOCK = re.compile(r'fast(?:rtps|dds)_port([0-9]{1,5})_el')
 _FIRST_PORT = 7400
 _PORTS_OF_A_DOMAIN = 250
 # Each process holds the lock of its profile until Fast DDS has read it.
@@ -59,7 +60,7 @@ def remove_dead_segments() -> int:
     :returns: number of removed segments.
     """
     removed = 0
-    for lock in SHARED_MEMORY.glob('fastrtps_*_el'):
+    for lock in SHARED_MEMORY.glob('fast*_el'):
         if _LOCK.fullmatch(lock.name):
             with suppress(OSError):  # it belongs to another user, or was just removed
                 removed += _remove_if_dead(lock)
@@ -92,7 +93,7 @@ def remove_dead_profiles() -> None:
 def find_other_user() -> str:
     """Return the name of another user who runs a node in this ROS domain; '' if there is none."""
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
-    for path in sorted(SHARED_MEMORY.glob('fastrtps_port*_el') if domain.isdecimal() else ()):
+    for path in sorted(SHARED_MEMORY.glob('fast*_port*_el') if domain.isdecimal() else ()):
         match = _PORT_LOCK.fullmatch(path.name)
         if match and (int(match[1]) - _FIRST_PORT) // _PORTS_OF_A_DOMAIN == int(domain):
             with suppress(OSError):

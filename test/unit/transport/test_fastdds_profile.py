@@ -26,7 +26,8 @@ import xml.etree.ElementTree as ElementTree
 
 from conftest import NodeProcess
 from opencv_tools.transport.fastdds import profile, shared_memory
-from opencv_tools.transport.fastdds.profile import configured_fastdds, FastDdsSetup, NOT_CONFIGURED
+from opencv_tools.transport.fastdds.profile import (
+    configured_fastdds, FastDdsSetup, is_fastdds_2, NOT_CONFIGURED)
 import pytest
 
 Start = Callable[..., NodeProcess]
@@ -34,8 +35,9 @@ Start = Callable[..., NodeProcess]
 MB = 1 << 20
 VGA, FULL_HD, UHD_4K, UHD_8K = (
     width * height * 3 for width, height in ((640, 480), (1920, 1080), (3840, 2160), (7680, 4320)))
-PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-USER_VARIABLES = (PROFILE, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS',
+VARIABLES = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
+PROFILE = VARIABLES[not is_fastdds_2()]
+USER_VARIABLES = (*VARIABLES, 'FASTDDS_BUILTIN_TRANSPORTS',
                   'RMW_IMPLEMENTATION', 'OPENCV_TOOLS_TRANSPORT')
 DEFAULT_SEGMENT = 600_000  # upper bound of the default segment of Fast DDS, in bytes
 
@@ -199,8 +201,7 @@ def test_page_faults_of_reused_frames(tell: Callable[[str], None]) -> None:
     ('OPENCV_TOOLS_TRANSPORT', 'default', 'OPENCV_TOOLS_TRANSPORT is default'),
     ('RMW_IMPLEMENTATION', 'rmw_cyclonedds_cpp', 'RMW_IMPLEMENTATION is rmw_cyclonedds_cpp'),
     ('FASTDDS_BUILTIN_TRANSPORTS', 'UDPv4', 'FASTDDS_BUILTIN_TRANSPORTS is set'),
-    (PROFILE, '/mine.xml', f'{PROFILE} is set'),
-    ('FASTDDS_DEFAULT_PROFILES_FILE', '/mine.xml', 'FASTDDS_DEFAULT_PROFILES_FILE is set')])
+    *((variable, '/mine.xml', f'{variable} is set') for variable in VARIABLES)])
 def test_unchanged_user_variables(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str, value: str,
         reason: str) -> None:

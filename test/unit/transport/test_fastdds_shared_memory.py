@@ -59,9 +59,9 @@ def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path
 
 
-def make_segment(folder: Path, number: int) -> Path:
+def make_segment(folder: Path, number: int, fast: str = 'fastrtps') -> Path:
     """Create the segment and the lock file of a dead process."""
-    segment = folder / f'fastrtps_{number:016x}'
+    segment = folder / f'{fast}_{number:016x}'
     segment.write_bytes(bytes(1000))
     segment.with_name(f'{segment.name}_el').touch()
     return segment
@@ -69,7 +69,8 @@ def make_segment(folder: Path, number: int) -> Path:
 
 @pytest.mark.process
 def test_removal_of_dead_segments_only(folder: Path) -> None:
-    dead = [make_segment(folder, number) for number in (1, 0xfedcba9876543210)]
+    dead = [make_segment(folder, number, fast) for number in (1, 0xfedcba9876543210)
+            for fast in ('fastrtps', 'fastdds')]
     living = make_segment(folder, 2)
     others = [folder / name for name in (
         'fastrtps_port7411', 'fastrtps_port7411_el', 'sem.fastrtps_port7411_mutex',
@@ -202,21 +203,21 @@ def test_users_who_exchange_no_frames(
     check_ends(subscriber, 0, publisher, 'those nodes and this one exchange no frames')
 
 
+@pytest.mark.parametrize('fast', ['fastrtps', 'fastdds'])
 @pytest.mark.parametrize(('name', 'owner', 'is_held', 'found'), [
-    ('fastrtps_port10161_el', 'another', True, 'jo'), ('fastrtps_port10161_el', 'me', True, ''),
-    ('fastrtps_port10161_el', 'another', False, ''),
-    ('fastrtps_port10411_el', 'another', True, ''), ('fastrtps_port7000_el', 'another', True, ''),
-    ('fastrtps_port10161', 'another', True, ''),
-    ('fastrtps_portx_el', 'another', True, '')])
+    ('port10161_el', 'another', True, 'jo'), ('port10161_el', 'me', True, ''),
+    ('port10161_el', 'another', False, ''), ('port10411_el', 'another', True, ''),
+    ('port7000_el', 'another', True, ''), ('port10161', 'another', True, ''),
+    ('portx_el', 'another', True, '')])
 def test_user_who_holds_a_port_of_the_domain(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, owner: str, is_held: bool,
-        found: str) -> None:
+        found: str, fast: str) -> None:
     monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', tmp_path)
     monkeypatch.setenv('ROS_DOMAIN_ID', '11')
     monkeypatch.setattr(os, 'geteuid', lambda: os.getuid() if owner == 'me' else -1)
     monkeypatch.setattr(shared_memory, '_user_name', lambda _: 'jo')
-    os.mkfifo(tmp_path / 'fastrtps_port10160_el')  # opening it waits for a writer
-    with (tmp_path / name).open('w') as file:
+    os.mkfifo(tmp_path / f'{fast}_port10160_el')  # opening it waits for a writer
+    with (tmp_path / f'{fast}_{name}').open('w') as file:
         if is_held:
             fcntl.flock(file, fcntl.LOCK_EX)
         assert find_other_user() == found
