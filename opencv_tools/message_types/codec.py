@@ -27,7 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.text import printable
-from opencv_tools.message_types.definition import Array, Field, MessageType, PLACEHOLDER
+from opencv_tools.message_types.definition import Array, Field, TypeDefinition, PLACEHOLDER
 
 _HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
 _ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}
@@ -45,15 +45,15 @@ class MessageCodec:
     Wide strings are not supported, because their size in CDR differs between ROS releases.
     """
 
-    def __init__(self, message_type: MessageType) -> None:
+    def __init__(self, definition: TypeDefinition) -> None:
         """
         Prepare the conversion.
 
         :raises CdrError: the type has wide strings.
         """
-        self._type = message_type
-        for name, definition in message_type.definitions.items():
-            for field in definition.fields:
+        self._type = definition
+        for name, each in definition.types.items():
+            for field in each.fields:
                 if field.base == 'wstring':
                     raise CdrError(f'{name}.{field.name} is a wide string, which is not supported')
 
@@ -89,12 +89,12 @@ class _Reader:
     Each value takes at least one byte, so the number of values is limited by that of the bytes.
     """
 
-    def __init__(self, message_type: MessageType, serialized: Any) -> None:
+    def __init__(self, definition: TypeDefinition, serialized: Any) -> None:
         data = memoryview(serialized).cast('B').toreadonly()
         order = _ORDERS.get(bytes(data[:2]))
         if order is None or len(data) < _HEAD_SIZE:
             raise CdrError(f'{len(data)} bytes that are not plain CDR')
-        self._definitions = message_type.definitions
+        self._definitions = definition.types
         self._order = order
         self._data = data[_HEAD_SIZE:]
         self._position = 0
@@ -155,8 +155,8 @@ class _Reader:
 class _Writer:
     """Writes fields one after the other."""
 
-    def __init__(self, message_type: MessageType) -> None:
-        self._definitions = message_type.definitions
+    def __init__(self, definition: TypeDefinition) -> None:
+        self._definitions = definition.types
         self._data = bytearray()
 
     def finish(self) -> bytes:

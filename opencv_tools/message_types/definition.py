@@ -95,16 +95,16 @@ class Definition(NamedTuple):
 
 
 @dataclass(frozen=True)
-class MessageType:
+class TypeDefinition:
     """
     A message type and all types that it contains.
 
     :param name: full name, such as ``'std_msgs/msg/Header'``.
-    :param definitions: its definition and those of the types that it contains, by full name.
+    :param types: its own fields and those of the types that it contains, by full name.
     """
 
     name: str
-    definitions: Mapping[str, Definition]
+    types: Mapping[str, Definition]
 
 
 def full_name(text: str) -> str:
@@ -122,7 +122,7 @@ def full_name(text: str) -> str:
     return name
 
 
-def read_definition(name: str, text: str | None = None) -> MessageType:
+def read_definition(name: str, text: str | None = None) -> TypeDefinition:
     """
     Read the definition of a message type.
 
@@ -164,7 +164,7 @@ def read_definition(name: str, text: str | None = None) -> MessageType:
         return depths[current]
 
     add(name, ())
-    return MessageType(name, found)
+    return TypeDefinition(name, found)
 
 
 def _own_text(name: str) -> str:

@@ -24,7 +24,7 @@ import hashlib
 import json
 from typing import Any
 
-from opencv_tools.message_types.definition import Array, Definition, Field, MessageType
+from opencv_tools.message_types.definition import Array, Definition, Field, TypeDefinition
 
 # Numbers of type_description_interfaces/msg/FieldType. In a .msg file, char is uint8.
 _MESSAGE, _BOUNDED_STRING, _BOUNDED_WSTRING = 1, 21, 22
@@ -42,14 +42,14 @@ def field_type_id(field: Field) -> int:
     return number + _ARRAYS[field.array]
 
 
-def type_hash(message_type: MessageType) -> bytes:
+def type_hash(definition: TypeDefinition) -> bytes:
     """Return the SHA-256 of the description of a type, 32 bytes: its hash ``RIHS01``."""
-    main = message_type.name
+    main = definition.name
     description = {
-        'type_description': _describe(main, message_type.definitions[main]),
+        'type_description': _describe(main, definition.types[main]),
         'referenced_type_descriptions': [
-            _describe(name, definition)
-            for name, definition in sorted(message_type.definitions.items()) if name != main]}
+            _describe(name, each)
+            for name, each in sorted(definition.types.items()) if name != main]}
     return hashlib.sha256(json.dumps(description).encode()).digest()
 
 

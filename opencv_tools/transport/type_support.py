@@ -31,7 +31,7 @@ import ctypes
 from ctypes import addressof, c_bool, c_char_p, c_size_t, c_uint8, c_uint32, c_uint64, c_void_p
 from typing import Any
 
-from opencv_tools.message_types.definition import Array, MessageType
+from opencv_tools.message_types.definition import Array, TypeDefinition
 from opencv_tools.message_types.description import field_type_id, type_hash
 
 _FASTRTPS, _INTROSPECTION = (
@@ -149,22 +149,22 @@ _pointer.argtypes = [ctypes.py_object, c_char_p]
 class TypeSupport:
     """The structures of one message type. They must outlive the nodes that use the type."""
 
-    def __init__(self, message_type: MessageType) -> None:
+    def __init__(self, definition: TypeDefinition) -> None:
         """Create the structures."""
-        self._name = message_type.name
-        self._definitions = message_type.definitions
+        self._name = definition.name
+        self._definitions = definition.types
         #: Hash of the type, 32 bytes.
-        self.type_hash = type_hash(message_type)
+        self.type_hash = type_hash(definition)
         self._kept: list[Any] = []  # what the structures point to
         self._introspections: dict[str, int] = {}
-        name = message_type.name
+        name = definition.name
         package, _, short = name.split('/')
         callbacks = self._keep(_Callbacks(
             self._text(f'{package}::msg'), self._text(short), *map(self._function, (
                 _Convert(lambda message, cdr: False), _Convert(lambda cdr, message: False),
                 _Size(lambda message: 0), _MaxSize(_set_unbounded))), None))
         supports = {_INTROSPECTION: self._introspection(name)}
-        others = sorted(message_type.definitions.keys() - {name})
+        others = sorted(definition.types.keys() - {name})
         description = self._keep(_Description(
             self._individual(name), self._sequence(_Individual, map(self._individual, others))))
         sources = self._keep(self._sequence(_Source, map(self._source, (name, *others))))

@@ -24,7 +24,7 @@ from typing import Any
 from ament_index_python import get_packages_with_prefixes
 import numpy as np
 from opencv_tools.message_types.definition import (
-    Array, Field, MessageType, PLACEHOLDER, read_definition)
+    Array, Field, TypeDefinition, PLACEHOLDER, read_definition)
 
 SEPARATOR = f'\n{"=" * 80}\nMSG: '
 _RANGES = {'bool': (0, 1), 'byte': (0, 255), 'char': (0, 255), 'int8': (-128, 127),
@@ -65,18 +65,18 @@ def whole_text(name: str) -> str:
         f'{other}\n{texts[other]}' for other in needed[1:])])
 
 
-def installed_type(name: str) -> MessageType:
+def installed_type(name: str) -> TypeDefinition:
     """Read the definition of a compiled type."""
     return read_definition(name, whole_text(name))
 
 
 def random_message(
-    message_type: MessageType, name: str, random: np.random.Generator,
+    definition: TypeDefinition, name: str, random: np.random.Generator,
 ) -> dict[str, Any]:
     """Return a message with a value in each field."""
     def value(field: Field) -> Any:
         if field.is_message:
-            return random_message(message_type, field.base, random)
+            return random_message(definition, field.base, random)
         if field.base == 'string':
             return ''.join(random.choice([*'aé{ 漢'], random.integers(0, 9)))
         if field.base in ('float32', 'float64'):
@@ -93,5 +93,5 @@ def random_message(
             0, min(field.size or 4, 4), endpoint=True)
         return [value(field) for _ in range(count)]
 
-    return {field.name: values(field) for field in message_type.definitions[name].fields
+    return {field.name: values(field) for field in definition.types[name].fields
             if field.name != PLACEHOLDER}

@@ -59,9 +59,9 @@ def plain(value: Any) -> Any:
 def test_every_compiled_type_reads_and_writes_the_same_bytes() -> None:
     random = np.random.default_rng(1)
     for name in installed_texts():
-        message_type = installed_type(name)
-        codec = MessageCodec(message_type)
-        for message in ({}, *(random_message(message_type, name, random) for _ in range(3))):
+        definition = installed_type(name)
+        codec = MessageCodec(definition)
+        for message in ({}, *(random_message(definition, name, random) for _ in range(3))):
             written = codec.write(message)
             assert not message or plain(codec.read(written)) == message, name
             passed_on = serialize_message(deserialize_message(written, compiled_class(name)))

@@ -42,12 +42,12 @@ def test_hash_of_every_compiled_type() -> None:
     'tf2_msgs/msg/TFMessage', 'vision_msgs/msg/Detection2DArray'])
 def test_types_of_this_package(name: str) -> None:
     found = read_definition(name)
-    assert found.definitions[name].fields
-    compiled = found.definitions.keys() & installed_texts().keys()
+    assert found.types[name].fields
+    compiled = found.types.keys() & installed_texts().keys()
     assert 'builtin_interfaces/msg/Time' in compiled
     for inner in compiled:
         assert type_hash(read_definition(inner)) == hash_of(compiled_class(inner)), inner
-    assert all(definition.text.startswith('# From ') for definition in found.definitions.values())
+    assert all(definition.text.startswith('# From ') for definition in found.types.values())
 
 
 def test_fields() -> None:
@@ -64,15 +64,15 @@ std_msgs/Header[] unbounded
 string[<=2] texts
 """)
     assert found.name == 'a_msgs/msg/A'
-    assert found.definitions['a_msgs/msg/A'].fields == (
+    assert found.types['a_msgs/msg/A'].fields == (
         Field('flag', 'bool', default=True),
         Field('short', 'string', string_size=5, default="a'b"),
         Field('fixed', 'float32', Array.FIXED, 3, default=[1, 2, 3]),
         Field('bounded', 'a_msgs/msg/B', Array.BOUNDED, 4),
         Field('unbounded', 'std_msgs/msg/Header', Array.UNBOUNDED))
-    assert [*found.definitions] == ['a_msgs/msg/A', 'a_msgs/msg/B', 'std_msgs/msg/Header',
+    assert [*found.types] == ['a_msgs/msg/A', 'a_msgs/msg/B', 'std_msgs/msg/Header',
                                     'builtin_interfaces/msg/Time']
-    assert read_definition('a_msgs/A', '# empty').definitions['a_msgs/msg/A'].fields == (
+    assert read_definition('a_msgs/A', '# empty').types['a_msgs/msg/A'].fields == (
         Field(PLACEHOLDER, 'uint8'),)
 
 
@@ -83,7 +83,7 @@ def nested(levels: int) -> str:
 
 
 def test_levels() -> None:
-    assert len(read_definition('a/A', nested(29)).definitions) == 30
+    assert len(read_definition('a/A', nested(29)).types) == 30
     with pytest.raises(DefinitionError, match='more than 30 levels'):
         read_definition('a/A', nested(30))
 

@@ -27,8 +27,8 @@ from installed_messages import (
 import numpy as np
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import DefinitionError, read_definition
-from opencv_tools.transport import message_class as module
-from opencv_tools.transport.message_class import message_class
+from opencv_tools.transport import message_type as module
+from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.type_support import hash_of, TypeSupport
 import pytest
 from rclpy.node import Node
@@ -70,9 +70,9 @@ def test_made_and_compiled_types_in_two_processes(
     text, program = tmp_path / 'type.msg', tmp_path / 'made.py'
     text.write_text(whole_text(name))
     program.write_text(PROGRAM)
-    message_type, kind = installed_type(name), compiled_class(name)
-    codec = MessageCodec(message_type)
-    sent = codec.write(random_message(message_type, name, np.random.default_rng(5)))
+    definition, kind = installed_type(name), compiled_class(name)
+    codec = MessageCodec(definition)
+    sent = codec.write(random_message(definition, name, np.random.default_rng(5)))
     received: list[Any] = []
     publisher = node.create_publisher(kind, 'made_back', 10)
     node.create_subscription(kind, 'made', received.append, 10)
@@ -81,7 +81,7 @@ def test_made_and_compiled_types_in_two_processes(
     assert codec.write(codec.read(serialize_message(received[-1]))) == sent
     found, = node.get_publishers_info_by_topic('made')
     assert found.topic_type == name
-    assert found.topic_type_hash.value == hash_of(kind) == TypeSupport(message_type).type_hash
+    assert found.topic_type_hash.value == hash_of(kind) == TypeSupport(definition).type_hash
 
     def is_received() -> bool:
         publisher.publish(sent)
@@ -96,7 +96,7 @@ def test_made_and_compiled_types_in_two_processes(
     answer = future.result()
     assert answer.successful, answer.failure_reason
     described = answer.type_description
-    definitions = message_type.definitions
+    definitions = definition.types
     assert [described.type_description.type_name,
             *(other.type_name for other in described.referenced_type_descriptions)] == [
         name, *sorted(definitions.keys() - {name})]
@@ -109,8 +109,8 @@ def test_made_and_compiled_types_in_two_processes(
 
 def test_type_without_a_compiled_package(node: Node) -> None:
     codec = MessageCodec(read_definition(VIDEO))
-    video = message_class(VIDEO)
-    assert message_class('foxglove_msgs/CompressedVideo') is video
+    video = message_type(VIDEO)
+    assert message_type('foxglove_msgs/CompressedVideo') is video
     received: list[bytes] = []
     publisher = node.create_publisher(video, 'video', 10)
     node.create_subscription(video, 'video', received.append, 10, raw=True)
@@ -124,7 +124,7 @@ def test_type_without_a_compiled_package(node: Node) -> None:
 
 
 def test_messages_of_a_made_type_are_refused(node: Node) -> None:
-    video = message_class(VIDEO)
+    video = message_type(VIDEO)
     with pytest.raises(TypeError, match=f'{VIDEO} has no messages in Python; publish bytes'):
         video()
     publisher = node.create_publisher(video, 'refused', 10)
@@ -137,14 +137,14 @@ def test_messages_of_a_made_type_are_refused(node: Node) -> None:
 
 def test_compiled_class_is_preferred() -> None:
     name = 'sensor_msgs/msg/CompressedImage'
-    assert message_class(name) is message_class('sensor_msgs/CompressedImage') is CompressedImage
-    assert message_class(name, whole_text(name)) is CompressedImage
-    older = message_class(name, 'uint8[] data')
+    assert message_type(name) is message_type('sensor_msgs/CompressedImage') is CompressedImage
+    assert message_type(name, whole_text(name)) is CompressedImage
+    older = message_type(name, 'uint8[] data')
     assert older is not CompressedImage
-    assert message_class(name, 'uint8[]  data # the same') is older
+    assert message_type(name, 'uint8[]  data # the same') is older
     with pytest.raises(DefinitionError, match=f'{name} is in use with another definition'):
-        message_class(name, 'uint8[9] data')
-    assert message_class(name) is CompressedImage
+        message_type(name, 'uint8[9] data')
+    assert message_type(name) is CompressedImage
 
 
 def test_names_do_not_choose_what_is_imported(
@@ -155,7 +155,7 @@ def test_names_do_not_choose_what_is_imported(
     monkeypatch.syspath_prepend(tmp_path)
     for name in ('harmful', 'antigravity', 'opencv_tools', 'nothing_of_this_name'):
         with pytest.raises(DefinitionError, match='is not known'):
-            message_class(f'{name}/msg/A')
+            message_type(f'{name}/msg/A')
     assert 'antigravity' not in sys.modules
 
 
@@ -163,10 +163,10 @@ def test_number_of_types_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, '_made', {})
     monkeypatch.setattr(module, '_MAX_TYPES', 2)
     for number in range(2):
-        message_class(f'limit_msgs/msg/A{number}', 'int8 a')
+        message_type(f'limit_msgs/msg/A{number}', 'int8 a')
     with pytest.raises(DefinitionError, match='2 types are, which is the limit'):
-        message_class('limit_msgs/msg/A2', 'int8 a')
-    message_class('limit_msgs/msg/A1', 'int8 a')
+        message_type('limit_msgs/msg/A2', 'int8 a')
+    message_type('limit_msgs/msg/A1', 'int8 a')
 
 
 def test_every_array_and_string_is_described(node: Node) -> None:
@@ -175,7 +175,7 @@ def test_every_array_and_string_is_described(node: Node) -> None:
              'wstring<=7', 'B')
     text = '\n'.join(f'{base}{array} f{number}_{place}' for number, base in enumerate(bases)
                      for place, array in enumerate(('', '[3]', '[<=3]', '[]')))
-    every = message_class('every_msgs/msg/Every', f'{text}{SEPARATOR}every_msgs/B\nint8 a')
+    every = message_type('every_msgs/msg/Every', f'{text}{SEPARATOR}every_msgs/B\nint8 a')
     node.create_publisher(every, 'every', 10)
     found, = node.get_publishers_info_by_topic('every')
     assert found.topic_type_hash.value == hash_of(every)

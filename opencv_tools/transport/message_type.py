@@ -30,7 +30,7 @@ _made: dict[str, type] = {}
 _lock = Lock()
 
 
-def message_class(name: str, text: str | None = None) -> type:
+def message_type(name: str, text: str | None = None) -> type:
     """
     Return the class of a message type for ``create_publisher`` and ``create_subscription``.
 
