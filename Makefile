@@ -8,6 +8,7 @@
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
 # make test-interop  check converted robots with the parsers of Gazebo and ROS; needs Debian
+# make test-arm64    compare the parts without ROS on arm64 and here, with QEMU; needs Debian
 # make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md
 # make docs          write the parameter page and build the documentation in build/docs/html
@@ -26,7 +27,7 @@
 SHELL := bash
 .DELETE_ON_ERROR:
 .PHONY: demo test unit test-oldest test-kilted test-stress test-browser test-camera test-network \
-  test-interop test-docs bench docs soak clean
+  test-interop test-arm64 test-docs bench docs soak clean
 
 PYTHON ?= python3
 
@@ -177,6 +178,9 @@ test-kilted: export PYTEST_ADDOPTS = $(patsubst %,--ignore=test/%,package unit/b
   unit/convert unit/image unit/recording unit/robot)
 test-kilted: .venv-kilted/dev
 	$(call colcon_test,$(call in_venv,.venv-kilted),.venv-kilted/)
+
+test-arm64: .venv/dev
+	@$(call in_venv,.venv) python test/arm64/run.py
 
 test-camera: .venv/dev
 	@$(call in_venv,.venv) python test/camera/machine.py
