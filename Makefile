@@ -47,6 +47,9 @@ WORKERS ?= 6
 workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\
   --numprocesses=$(2) --dist=worksteal)
 
+# $(1): arguments of pytest. colcon does not read PYTEST_ADDOPTS.
+pytest_args = $(if $(strip $(1)),--pytest-args $(patsubst %,' %',$(1)))
+
 # $(1): environment of the command; $(2): prefix of the folders build, install and log
 define colcon_test
 @$(1) colcon --log-base $(2)log build --build-base $(2)build --install-base $(2)install \
@@ -55,8 +58,7 @@ define colcon_test
 @rm -f $(2)build/opencv_tools/*.xml
 @$(1) colcon --log-base $(2)log test --build-base $(2)build --install-base $(2)install \
   --return-code-on-test-failure --event-handlers console_direct+ \
-  $(patsubst %,--pytest-args,$(firstword $(call workers,$(1),$(WORKERS)))) \
-  $(patsubst %,' %',$(call workers,$(1),$(WORKERS)))
+  $(call pytest_args,$(call workers,$(1),$(WORKERS)) $(IGNORED:%=--ignore=test/%))
 @$(1) colcon --log-base $(2)log test-result --test-result-base $(2)build --verbose
 endef
 
@@ -168,14 +170,13 @@ test-docs: .venv/installed
 endif
 
 # Linters and pages do not depend on the versions of numpy and OpenCV.
-test-oldest: export PYTEST_ADDOPTS = --ignore=test/package/test_linters.py \
-  --ignore=test/package/test_documentation.py
+test-oldest: IGNORED = package/test_linters.py package/test_documentation.py
 test-oldest: .venv-oldest/dev
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
 
 # What needs no ROS is the same with each release.
-test-kilted: export PYTEST_ADDOPTS = $(patsubst %,--ignore=test/%,package unit/bags unit/capture \
-  unit/convert unit/image unit/recording unit/robot)
+test-kilted: IGNORED = package unit/bags unit/capture unit/convert unit/image unit/recording \
+  unit/robot
 test-kilted: .venv-kilted/dev
 	$(call colcon_test,$(call in_venv,.venv-kilted),.venv-kilted/)
 

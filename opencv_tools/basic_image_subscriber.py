@@ -30,6 +30,7 @@ from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.bag_messages import BagMessages
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
+from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
 from opencv_tools.progress import open_progress
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
@@ -37,6 +38,7 @@ from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import Account, FrameSubscription
 from opencv_tools.topics.timers import create_steady_timer
+from opencv_tools.topics.topic_discovery import resolve_topic
 from opencv_tools.transport.scheduling import use_priority
 
 # Maximum time to record received frames at the end.
@@ -72,6 +74,11 @@ class ImageSubscriber(ClosableNode):
         self._bag_messages = BagMessages(
             self, self.subscription.topic_name, self._log, bag_sink.add_message,
         ) if bag_sink else None
+        topics, session = settings.topics.split(), self._session
+        self._topic_recorder = TopicRecorder(
+            self, topics, resolve_topic(self, 'video_frames'), self._log,
+            session.record_messages,
+        ) if topics else None
         self._timeout = settings.timeout
         self._timeout_timer = create_steady_timer(
             self, self._timeout, self._end_on_timeout) if self._timeout else None
@@ -114,6 +121,8 @@ class ImageSubscriber(ClosableNode):
             unprocessed, account = self._record_remaining()
             if self._bag_messages:
                 self._bag_messages.close()
+            if self._topic_recorder:
+                self._topic_recorder.close()
             self._session.close()
         self._progress.close()
         recorder = self._session.recorder
@@ -129,6 +138,8 @@ class ImageSubscriber(ClosableNode):
             + ('' if account.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
+        if self._topic_recorder:
+            self._topic_recorder.log_summary()
         if failed or unprocessed or recorder.is_unfinished:
             return EXIT_FAILURE
         return super().close()

@@ -25,7 +25,8 @@ import sqlite3
 from urllib.parse import quote
 
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES
+from opencv_tools.bags.reading import (
+    BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT)
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import check_kind, open_regular
 
@@ -36,6 +37,7 @@ _MAX_TOPICS = 65536
 # compute for ever. The id of a message is its _rowid_, which is always an integer.
 _COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
             'messages': {'id', 'topic_id', 'timestamp', 'data'}}
+_QOS = 'offered_qos_profiles'  # not in old bags
 
 
 class Db3Reader:
@@ -111,13 +113,14 @@ class Db3Reader:
 
     def _read_topics(self) -> None:
         self._database.execute('PRAGMA trusted_schema = OFF')
-        for table, columns in _COLUMNS.items():
-            self._check_table(table, columns)
-        for number, name, kind, serialization in self._database.execute(
+        found = {table: self._check_table(table, columns) for table, columns in _COLUMNS.items()}
+        qos = f'substr({_QOS}, 1, {MAX_TEXT})' if _QOS in found['topics'] else "''"
+        for number, name, kind, serialization, offers in self._database.execute(
                 'SELECT id, substr(name, 1, 1000), substr(type, 1, 1000), '
-                "substr(serialization_format, 1, 1000) FROM topics WHERE typeof(id) = 'integer' "
-                f'LIMIT {_MAX_TOPICS}'):
-            self._ids[number] = topic = BagTopic(str(name), str(kind), str(serialization))
+                'substr(serialization_format, 1, 1000), '
+                f"{qos} FROM topics WHERE typeof(id) = 'integer' LIMIT {_MAX_TOPICS}"):
+            self._ids[number] = topic = BagTopic(
+                str(name), str(kind), str(serialization), qos=str(offers or ''))
             self.topics.setdefault(topic, 0)
         for number, count, first_ns, last_ns in self._database.execute(
                 'SELECT topic_id, count(*), min(timestamp), max(timestamp) '
@@ -128,7 +131,8 @@ class Db3Reader:
                 self.first_ns = min(self.first_ns or first_ns, first_ns)
                 self.last_ns = max(self.last_ns, last_ns)
 
-    def _check_table(self, name: str, columns: set[str]) -> None:
+    def _check_table(self, name: str, columns: set[str]) -> set[str]:
+        """Return those columns of a table that are known; it has at least some of them."""
         found = self._database.execute(
             "SELECT count(*) FROM sqlite_master WHERE name = ? AND type = 'table' "
             "AND sql LIKE 'CREATE TABLE%'", (name,)).fetchone()
@@ -138,6 +142,7 @@ class Db3Reader:
         if not found[0] or '_rowid_' in kinds or any(kinds.get(column) != 0 for column in columns):
             raise BagError(f'{self._name} is not a bag of rosbag2: its table {name} is missing or '
                            'has other columns')
+        return kinds.keys() & {_QOS, *columns}
 
     def _error(self, err: Exception) -> BagError:
         reason = printable(err)

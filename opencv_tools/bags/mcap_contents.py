@@ -27,10 +27,10 @@ from opencv_tools.bags.mcap_format import (
     CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
     definition, flat_records, message_head, Read, Record, records, summary_start)
-from opencv_tools.bags.reading import BagTopic, Damage
+from opencv_tools.bags.reading import BagTopic, Damage, MAX_TEXT
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, McapRecord
+    from mcap.records import Channel, McapRecord, Schema
 
 _MAX_SUMMARY = 1 << 24
 _MAX_NAME = 1000  # characters of a topic or type
@@ -70,12 +70,17 @@ class Contents:
     times: tuple[int, ...] = ()
     cut_at: int | None = None
 
-    def add_channel(self, channel: Channel, schemas: dict[int, str]) -> None:
+    def add_channel(self, channel: Channel, schemas: dict[int, Schema]) -> None:
         """Add the topic of a channel, unless its name is too long."""
-        if len(channel.topic) <= _MAX_NAME:
-            self.channels.setdefault(channel.id, BagTopic(
-                channel.topic, schemas.get(channel.schema_id, '')[:_MAX_NAME],
-                channel.message_encoding[:_MAX_NAME]))
+        if len(channel.topic) <= _MAX_NAME and channel.id not in self.channels:
+            schema = schemas.get(channel.schema_id)
+            is_text = schema is not None and schema.encoding == 'ros2msg' and len(
+                schema.data) <= MAX_TEXT
+            self.channels[channel.id] = BagTopic(
+                channel.topic, schema.name[:_MAX_NAME] if schema else '',
+                channel.message_encoding[:_MAX_NAME],
+                schema.data.decode(errors='replace') if schema and is_text else '',
+                channel.metadata.get('offered_qos_profiles', '')[:MAX_TEXT])
 
 
 def read_contents(read: Read, size: int) -> Contents:
@@ -102,7 +107,7 @@ def _use_index(found: list[McapRecord], read: Read, size: int) -> Contents | Non
     """Return the contents in a summary; None if it is incomplete or contradicts the file."""
     from mcap.records import Channel, ChunkIndex, Schema, Statistics
     statistics = next((record for record in found if isinstance(record, Statistics)), None)
-    schemas = {record.id: record.name for record in found if isinstance(record, Schema)}
+    schemas = {record.id: record for record in found if isinstance(record, Schema)}
     channels = {record.id: record for record in found if isinstance(record, Channel)}
     spans = [Span(record.message_start_time, record.chunk_start_offset,
                   record.chunk_start_offset + record.chunk_length)
@@ -134,7 +139,7 @@ class _Scan:
     def __init__(self, read: Read, size: int) -> None:
         self.contents = Contents()
         self._read = read
-        self._schemas: dict[int, str] = {}
+        self._schemas: dict[int, Schema] = {}
         begin = end = len(MAGIC)
         first_ns: int | None = None  # of the messages since ``begin``
         sizes: list[int] = []
@@ -173,7 +178,7 @@ class _Scan:
             elif record.opcode == SCHEMA_CODE:
                 schema = definition(Schema, read, record)
                 if schema is not None:
-                    self._schemas[schema.id] = schema.name[:_MAX_NAME]
+                    self._schemas[schema.id] = schema
             elif record.opcode == CHANNEL_CODE:
                 channel = definition(Channel, read, record)
                 if channel is not None:

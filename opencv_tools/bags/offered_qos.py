@@ -18,11 +18,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+import re
 
 from opencv_tools.units import NANO
 
 #: The longest duration, which stands for no limit.
 INFINITE_NS = 2**63 - 1
+
+
+# A line of a policy, without quotes; the first one of a publisher begins with a dash.
+_POLICY = re.compile(
+    r"(?P<first>- )?\s*(?P<name>history|depth|reliability|durability): '?(?P<value>\w{1,20})'?\s*")
+_NUMBERS = {
+    ('history', 'keep_last'): 1, ('history', 'keep_all'): 2, ('reliability', 'reliable'): 1,
+    ('reliability', 'best_effort'): 2, ('durability', 'transient_local'): 1,
+    ('durability', 'volatile'): 2}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +78,27 @@ def offered_qos_text(offers: Iterable[OfferedQos]) -> str:
         f'  liveliness: {offer.liveliness}\n'
         f'  liveliness_lease_duration:\n{_duration(offer.liveliness_lease_ns)}'
         '  avoid_ros_namespace_conventions: false\n' for offer in offers)
+
+
+def read_offered_qos(text: str) -> list[OfferedQos]:
+    """
+    Read the metadata ``offered_qos_profiles`` of a channel, with the policies that playback needs.
+
+    :param text: YAML text, in which policies are numbers or, since ROS 2 Jazzy, names.
+    :returns: history, depth, reliability and durability of each publisher; unknown values are
+        replaced by the defaults.
+    """
+    offers: list[dict[str, str]] = []
+    for line in text.splitlines():
+        found = _POLICY.fullmatch(line)
+        if found and found['first']:
+            offers.append({})
+        if found and offers:
+            offers[-1].setdefault(found['name'], found['value'])
+    numbers = [{name: _NUMBERS.get((name, value), int(value) if value.isdecimal() else None)
+                for name, value in offer.items()} for offer in offers]
+    return [OfferedQos(**{name: number for name, number in offer.items() if number is not None})
+            for offer in numbers]
 
 
 def _duration(nanoseconds: int) -> str:

@@ -17,13 +17,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 
 #: Largest chunk or message in bytes that is read. A reader holds at most four of them.
 MAX_BYTES = 3 << 26
+
+#: Most characters of the definition or the quality of service of a topic that are read.
+MAX_TEXT = 1 << 18
 
 #: Serialization of messages that can be read.
 CDR = 'cdr'
@@ -37,11 +40,15 @@ class BagTopic:
     :param name: name of the topic.
     :param type_name: type of the messages, such as ``sensor_msgs/msg/Image``.
     :param serialization: serialization of the messages, such as ``cdr``.
+    :param definition: text of the type, with those that it contains; '' if the bag has none.
+    :param qos: YAML text with the quality of service of its publishers; '' if unknown.
     """
 
     name: str
     type_name: str
     serialization: str = CDR
+    definition: str = field(default='', compare=False, repr=False)
+    qos: str = field(default='', compare=False, repr=False)
 
     @property
     def has_images(self) -> bool:

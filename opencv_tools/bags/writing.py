@@ -55,15 +55,23 @@ class BagChannel:
     A topic in a bag.
 
     :param topic: name of the topic.
-    :param type_name: type of its messages, one of ``MESSAGE_DEFINITIONS``.
+    :param type_name: type of its messages.
     :param qos: text of ``offered_qos_text``; '' if unknown.
     :param type_hash: hash of the type, such as ``RIHS01_...``; '' if unknown.
+    :param definition: text of the type, with those that it contains; '' for that of
+        ``MESSAGE_DEFINITIONS``.
     """
 
     topic: str
     type_name: str
     qos: str = ''
     type_hash: str = ''
+    definition: str = ''
+
+    @property
+    def schema(self) -> tuple[str, str]:
+        """Name of the type and its text."""
+        return self.type_name, self.definition or MESSAGE_DEFINITIONS[self.type_name]
 
 
 class BagWriter:
@@ -83,7 +91,7 @@ class BagWriter:
         self.size = 0  # bytes that are written and complete
         self._path = path
         self._index = BagIndex()
-        self._schema_ids: dict[str, int] = {}
+        self._schema_ids: dict[tuple[str, str], int] = {}
         self._channel_ids: dict[BagChannel, int] = {}
         self._chunk: OpenChunk | None = None
         self._unhashed: list[Any] = []  # buffers of the messages of the open chunk
@@ -206,12 +214,12 @@ class BagWriter:
         if channel in self._channel_ids:
             return []
         from mcap.records import Channel, Schema
-        type_name, records = channel.type_name, []
-        schema_id = self._schema_ids.get(type_name, len(self._schema_ids) + 1)
-        if type_name not in self._schema_ids:
+        records = []
+        schema_id = self._schema_ids.get(channel.schema, len(self._schema_ids) + 1)
+        if channel.schema not in self._schema_ids:
+            type_name, text = channel.schema
             records.append((SCHEMA_CODE, encode_record(Schema(
-                id=schema_id, name=type_name, encoding='ros2msg',
-                data=MESSAGE_DEFINITIONS[type_name].encode()))))
+                id=schema_id, name=type_name, encoding='ros2msg', data=text.encode()))))
         records.append((CHANNEL_CODE, encode_record(Channel(
             id=len(self._channel_ids) + 1, schema_id=schema_id, topic=channel.topic,
             message_encoding='cdr', metadata={
@@ -224,7 +232,7 @@ class BagWriter:
             self._append(record)
             self._index.add_record(code, record)
             ids: dict[Any, int] = self._schema_ids if code == SCHEMA_CODE else self._channel_ids
-            ids[channel.type_name if code == SCHEMA_CODE else channel] = len(ids) + 1
+            ids[channel.schema if code == SCHEMA_CODE else channel] = len(ids) + 1
 
     def _end_chunk(self) -> None:
         """Write the message indexes of the open chunk, if any."""

@@ -70,13 +70,15 @@ class BagSource:
         self._play = 0
         try:
             found = BagFiles([*files]) if files else bag_files(path)
-            self._paths = found.paths if found.are_ordered else sorted(
+            #: Files of the bag, in their order.
+            self.paths = found.paths if found.are_ordered else sorted(
                 found.paths, key=natural_order)
             self.warnings += [found.warning] if found.warning else []
             counts = self._read_topics()
         except (BagError, OSError) as err:
             raise _error(self.name, err) from err
-        self.topic = _select(self.name, topic, counts)
+        #: Topic of the images, and all topics of the bag.
+        self.topic, self.topics = _select(self.name, topic, counts), counts.keys()
         info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
         self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]
@@ -188,7 +190,7 @@ class BagSource:
 
     def _all_messages(self) -> Iterator[BagMessage | Damage]:
         """Yield the messages of all files."""
-        for path in self._paths:
+        for path in self.paths:
             self._reader = open_bag_file(path)
             yield from self._reader.messages(self._wanted)
             self.close()
@@ -197,7 +199,7 @@ class BagSource:
         """Return the number of messages of each topic in all files."""
         counts: Counter[BagTopic] = Counter()
         times: list[int] = []
-        for path in self._paths:
+        for path in self.paths:
             with closing(open_bag_file(path)) as reader:
                 counts.update(reader.topics)
                 self.warnings += [reader.warning] if reader.warning else []

@@ -27,7 +27,7 @@ from typing import Any, Literal
 import numpy as np
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.text import printable
-from opencv_tools.message_types.definition import Array, Field, TypeDefinition, PLACEHOLDER
+from opencv_tools.message_types.definition import Array, Field, PLACEHOLDER, TypeDefinition
 
 _HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
 _ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}

@@ -17,11 +17,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from dataclasses import dataclass
 from enum import Enum
 from importlib.resources import files
 import io
+from pathlib import Path
 import re
 from threading import Lock
 from typing import Any, NamedTuple
@@ -106,6 +107,14 @@ class TypeDefinition:
     name: str
     types: Mapping[str, Definition]
 
+    @property
+    def text(self) -> str:
+        """Text of the type, then of those that it contains, as in a bag."""
+        first, *others = self.types.items()
+        return ''.join([first[1].text, *(
+            f'\n{"=" * 80}\nMSG: {name.replace("/msg/", "/")}\n{found.text}'
+            for name, found in others)])
+
 
 def full_name(text: str) -> str:
     """
@@ -129,7 +138,8 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
     :param name: name of the type.
     :param text: text of its ``.msg`` file; then, each after a line of ``=`` and a line
         ``MSG: package/Name``, the text of types that it contains, as in a bag. Types that are not
-        there, and all without a text, are those that this package contains.
+        there, and all without a text, are those that are installed, else those that this
+        package contains.
     :returns: the type and all types that it contains.
     :raises DefinitionError: a definition is missing, invalid, too large or contains itself.
     """
@@ -153,7 +163,7 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
             raise DefinitionError(f'{name} contains more than {_MAX_DEPTH} levels or {_MAX_TYPES} '
                                   'types')
         if current not in depths:
-            body = texts[current] if current in texts else _own_text(current)
+            body = texts[current] if current in texts else _known_text(current)
             found[current] = Definition(tuple(_parse(current, body)), body)
             inner = dict.fromkeys(
                 field.base for field in found[current].fields if field.is_message)
@@ -167,14 +177,19 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
     return TypeDefinition(name, found)
 
 
-def _own_text(name: str) -> str:
-    """Return the text of a definition that this package contains."""
+def _known_text(name: str) -> str:
+    """Return the text of a definition that is installed, or that this package contains."""
     package, _, short = name.split('/')
-    path = files(__package__) / 'msg' / package / f'{short}.msg'
-    if not path.is_file():
+    own = files(__package__) / 'msg' / package / f'{short}.msg'
+    with suppress(LookupError, OSError, ValueError):  # not installed, or not a text
+        from ament_index_python import get_package_share_directory
+        path = Path(get_package_share_directory(package), 'msg', f'{short}.msg')
+        if path.stat().st_size <= _MAX_TEXT:
+            return path.read_text()
+    if not own.is_file():
         raise DefinitionError(f'the definition of {name} is not known; give the text of its .msg '
                               'file')
-    return path.read_text()
+    return own.read_text()
 
 
 def _parse(name: str, text: str) -> Iterator[Field]:

@@ -46,6 +46,7 @@ class Parameter:
     :param check: raises ValueError with the remedy for an invalid text.
     :param changeable: whether the parameter can be changed while the node runs.
     :param secret: whether other nodes cannot read the given value.
+    :param words: whether the text is a list of words, which can be given as an array of texts too.
     :param ends: whether the parameter decides when the node ends, or how much it does. The node
         does not start with a misspelt name of such a parameter.
     """
@@ -60,6 +61,7 @@ class Parameter:
     check: Callable[[Any], None] | None = None
     changeable: bool = False
     secret: bool = False
+    words: bool = False
     ends: bool = False
 
     def descriptor(self) -> ParameterDescriptor:
@@ -117,6 +119,8 @@ class Parameter:
         return number(value)
 
     def _accept_text(self, value: object) -> str:
+        if self.words and isinstance(value, (list, tuple)):
+            value = ' '.join(map(str, value))
         if not isinstance(value, (str, int, float)) or isinstance(value, bool):
             raise self._error(value, f'give a text ({self.description})')
         text: str = self._accept_choice(str(value))

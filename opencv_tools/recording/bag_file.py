@@ -16,13 +16,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.recording.file_format import Room
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.recorder import Prepared
 
@@ -62,6 +63,32 @@ class RecordedImage(RecordedMessage):
     image: WireMessage
 
 
+@dataclass(kw_only=True)
+class BatchResult:
+    """The first ``written`` messages of a batch are in a file."""
+
+    written: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageBatch(ReceivedFrame, Prepared):
+    """
+    Messages of other topics, which are written together as a frame is.
+
+    :param messages: the messages, oldest first.
+    :param result: what has become of them.
+    """
+
+    count: ClassVar[int] = 0
+    messages: tuple[RecordedMessage, ...]
+    result: BatchResult = field(default_factory=BatchResult)
+
+    @property
+    def log_ns(self) -> int:
+        """Time of reception of the first message in nanoseconds of the system clock."""
+        return self.messages[0].log_ns
+
+
 class BagFile:
     """A bag as a file of frames; see `FileWriter`."""
 
@@ -75,6 +102,7 @@ class BagFile:
         """
         self.frames = self.flushed = self.skipped = self.bytes_waiting = 0
         self.is_full = self.is_finished = False
+        self.others = 0  # messages of batches
         self._path = path
         self._room = room
         self._writer = BagWriter(path)
@@ -96,18 +124,37 @@ class BagFile:
         if not self._room(self._writer.size_with(message.channel, message.size)):
             self.is_full = self.is_full or is_frame
             return False
+        self._write(message)
+        self.frames += is_frame
+        self.flushed = self.frames
+        return True
+
+    def write_batch(self, batch: MessageBatch) -> bool:
+        """
+        Write the messages of a batch that are not written yet.
+
+        :returns: False if a message would exceed the maximum size.
+        :raises OSError: the file cannot be written; it has all earlier messages.
+        """
+        for message in batch.messages[batch.result.written:]:
+            if not self._room(self._writer.size_with(message.channel, message.size)):
+                self.is_full = True
+                return False
+            self._write(message)
+            batch.result.written += 1
+            self.others += 1
+        return True
+
+    def _write(self, message: RecordedMessage) -> None:
         self.bytes_waiting = message.size
         self._writer.write(
             message.channel, message.parts, log_ns=message.log_ns, publish_ns=message.publish_ns,
             sequence=message.number)
         self.bytes_waiting = 0
-        self.frames += is_frame
-        self.flushed = self.frames
-        return True
 
     def close(self) -> None:
         """
-        Finish the file; remove it if it has no frame.
+        Finish the file; remove it if it is empty.
 
         :raises OSError: the summary cannot be written; the next recording writes it.
         """
@@ -119,7 +166,7 @@ class BagFile:
                 err.errno, f'{err.strerror}: {self._path.name} has no index yet, which the next '
                 'recording in its folder adds') from err
         finally:
-            if not self.frames and self.is_at_path():
+            if not (self.frames or self.others) and self.is_at_path():
                 self._path.unlink(missing_ok=True)
 
     def measured(self, entry: ManifestEntry) -> ManifestEntry:

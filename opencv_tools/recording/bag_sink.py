@@ -31,7 +31,8 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_file import BagFile, RecordedImage, RecordedMessage
+from opencv_tools.recording.bag_file import (
+    BagFile, MessageBatch, RecordedImage, RecordedMessage)
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.file_sink import FileSink
@@ -47,7 +48,11 @@ from opencv_tools.units import NANO
 _MAX_WAITING = 1000  # other messages between two frames
 
 
-class BagFormat(FileFormat[BagFile, RecordedImage]):
+# What a bag takes as one.
+_Prepared = RecordedImage | MessageBatch
+
+
+class BagFormat(FileFormat[BagFile, _Prepared]):
     """Write messages to bags."""
 
     def __init__(self, settings: EncoderSettings) -> None:
@@ -59,8 +64,10 @@ class BagFormat(FileFormat[BagFile, RecordedImage]):
         self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
 
-    def prepare(self, frame: ReceivedFrame) -> RecordedImage:
+    def prepare(self, frame: ReceivedFrame) -> _Prepared:
         """Convert a frame to a message, without a copy of unchanged data; see `FileFormat`."""
+        if isinstance(frame, MessageBatch):
+            return frame
         message, channel = _message(frame)
         if self._settings.compression and isinstance(message, WireImage):
             message, channel = _compressed_message(frame, self._settings)
@@ -70,26 +77,30 @@ class BagFormat(FileFormat[BagFile, RecordedImage]):
             image=message, channel=channel, parts=message_to_cdr_parts(message),
             log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
-    def create(self, path: Path, frame: ReceivedFrame, prepared: RecordedImage, room: Room,
+    def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
                ) -> BagFile:
         """Create a bag; see `FileFormat`."""
         return BagFile(path, room)
 
-    def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: RecordedImage,
+    def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: _Prepared,
               ) -> ManifestEntry:
         """Return the manifest entry of a bag; see `FileFormat`."""
+        if isinstance(prepared, MessageBatch):
+            return file_entry(seq, name, frame, '', (0, 0))
         return file_entry(seq, name, frame, *_description(prepared.image))
 
-    def write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: RecordedImage,
+    def write(self, file: OpenFile[BagFile], frame: ReceivedFrame, prepared: _Prepared,
               ) -> bool:
-        """Write the message of a frame; see `FileFormat`."""
+        """Write the message of a frame, or those of a batch; see `FileFormat`."""
+        if isinstance(prepared, MessageBatch):
+            return file.writer.write_batch(prepared)
         return file.writer.write(prepared)
 
     def add_message(self, message: RecordedMessage) -> None:
         """Add a message that is not a frame; see `BagSink`."""
         self._waiting.append(message)
 
-    def write_others(self, writer: BagFile, prepared: RecordedImage | None) -> None:
+    def write_others(self, writer: BagFile, prepared: _Prepared | None) -> None:
         """Write the messages that were received before a frame, or all; see `FileFormat`."""
         with suppress(IndexError):
             while prepared is None or self._waiting[0].log_ns <= prepared.log_ns:
@@ -100,7 +111,7 @@ class BagFormat(FileFormat[BagFile, RecordedImage]):
         return file.writer.measured(file.entry)
 
 
-class BagSink(FileSink[BagFile, RecordedImage]):
+class BagSink(FileSink[BagFile, _Prepared]):
     """Write frames, and other messages between them, to bags."""
 
     def __init__(

@@ -33,13 +33,15 @@ class FileWriter(Protocol):
     The writer of one file with many frames.
 
     ``frames`` were accepted. ``flushed`` of them are complete in the file, and ``skipped`` exceed
-    the maximum size. ``is_full`` means that the next frame would exceed it. ``bytes_waiting`` is
-    an upper bound for the frames that are not in the file.
+    the maximum size. ``others`` are complete messages that are no frames. ``is_full`` means that
+    the next frame would exceed it. ``bytes_waiting`` is an upper bound for the frames that are not
+    in the file.
     """
 
     frames: int
     flushed: int
     skipped: int
+    others: int
     is_full: bool
     bytes_waiting: int
 

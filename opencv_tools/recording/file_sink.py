@@ -26,7 +26,7 @@ from typing import Generic
 from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.disk_outage import DiskOutage
 from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
-from opencv_tools.recording.file_format import FileFormat, OpenFile, P, Room, W
+from opencv_tools.recording.file_format import FileFormat, FileWriter, OpenFile, P, Room, W
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
@@ -125,13 +125,13 @@ class FileSink(Generic[W, P]):
         if not is_written and self._ring and self._file:
             full = self._file.writer
             self._end(self._file)
-            is_written = full.flushed > 0 and self._write(frame, prepared)
+            is_written = _has_content(full) and self._write(frame, prepared)
             if not is_written:
                 raise UnwritableError(self._refusal)
         if not is_written or not self._file:
             self._is_full = True
             raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
-        if self._file.writer.flushed:
+        if _has_content(self._file.writer):
             self._outage.end()
         return self._file.path
 
@@ -226,7 +226,7 @@ class FileSink(Generic[W, P]):
 
     def _add_line(self, file: OpenFile[W]) -> str:
         """Add or keep the manifest line of a file; return the problem with the file, or ''."""
-        if not file.writer.flushed:
+        if not _has_content(file.writer):
             return ''
         try:
             entry = self._format.measured(file, self._folder.path)
@@ -245,3 +245,8 @@ class FileSink(Generic[W, P]):
     def _count(self) -> None:
         self.counts.warning = self._format.warning
         self.counts.kept = self._ended + (self._file.writer.flushed if self._file else 0)
+
+
+def _has_content(writer: FileWriter) -> bool:
+    """Return whether a frame or another message is complete in a file."""
+    return writer.flushed > 0 or writer.others > 0

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 from opencv_tools.bags.writing import BagChannel
@@ -42,6 +42,8 @@ class ReceivedFrame:
     :param arrival_ns: time of reception in nanoseconds of CLOCK_MONOTONIC, which is never set.
     """
 
+    #: Number of frames that it counts as.
+    count: ClassVar[int] = 1
     metadata: FrameMetadata
     receive_ns: int
     arrival_ns: int = field(default_factory=time.monotonic_ns)

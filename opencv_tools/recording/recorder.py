@@ -125,7 +125,7 @@ class Recorder(Generic[P]):
         """
         self.counts = FrameCounts()
         self.is_full = False
-        self.is_unfinished = False  # closing the files failed, although no frame may have
+        self.is_unfinished = False  # other messages or the end of a file failed
         self._abandoned: list[_Job] = []
         self._seen = SinkCounts()
         self._sink = sink
@@ -160,18 +160,19 @@ class Recorder(Generic[P]):
         dropped = self._queue.put(_Job(frame, on_done))
         if not dropped:
             return True
-        self.counts.dropped += 1
+        self.counts.dropped += dropped.frame.count
+        what = f'{self.counts.dropped} frames' if dropped.frame.count else 'messages of topics'
         self._log.warning(
-            f'{self.counts.dropped} frames dropped: they arrive faster than they are written, '
-            f'and the queue of {self._queue_size} is full; write .jpg, set every_n, or raise '
-            'queue_size', every=1.0, key='dropped frames')
+            f'{what} dropped: they arrive faster than they are written, and the queue of '
+            f'{self._queue_size} is full; write .jpg, set every_n, or raise queue_size',
+            every=1.0, key=f'dropped {dropped.frame.count}')
         dropped.done('the frame was dropped because the queue is full')
         return False
 
     @property
     def abandoned(self) -> int:
         """Return the number of frames that ``abandon`` has removed; no other count has them."""
-        return len(self._abandoned)
+        return sum(job.frame.count for job in self._abandoned)
 
     def abandon(self) -> None:
         """
@@ -226,14 +227,15 @@ class Recorder(Generic[P]):
         try:
             path = self._commit(job.frame, prepared)
         except LimitReached as err:
-            self.counts.skipped += 1
+            self.counts.skipped += job.frame.count
             if not self.is_full:
                 self.is_full = True
                 self._log.info(f'Recording limit reached: {err}')
                 self._on_full()
             job.done(str(err))
         except Exception as err:  # noqa: B902 - as above
-            self.counts.failed += 1
+            self.counts.failed += job.frame.count
+            self.is_unfinished |= not job.frame.count
             log = (self._failure_log.write_failed if isinstance(err, OSError)
                    else self._failure_log.bad_frame)
             log(f'a frame was not written: {error_text(err)}')

@@ -69,5 +69,8 @@ def _import(name: str) -> Any:
     found = find_spec(package)
     for folder in (found and found.submodule_search_locations) or ():
         if any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*')):
-            return getattr(import_module(f'{package}.msg'), short, None)
+            compiled: Any = getattr(import_module(f'{package}.msg'), short, None)
+            if compiled and type(compiled)._TYPE_SUPPORT is None:
+                type(compiled).__import_type_support__()
+            return compiled
     return None

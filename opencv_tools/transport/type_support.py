@@ -28,7 +28,7 @@ rosidl_typesupport_fastrtps_cpp (message_type_support.h) and rosidl_typesupport_
 from __future__ import annotations
 
 import ctypes
-from ctypes import addressof, c_bool, c_char_p, c_size_t, c_uint8, c_uint32, c_uint64, c_void_p
+from ctypes import addressof, c_bool, c_char_p, c_size_t, c_uint32, c_uint64, c_uint8, c_void_p
 from typing import Any
 
 from opencv_tools.message_types.definition import Array, TypeDefinition

@@ -176,6 +176,7 @@ def test_huge_camera_info_is_refused(
     infos = node.create_publisher(CameraInfo, 'camera_info', 10)
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name=BAG)
     send(node, publisher, message(1))
+    subscriber.wait_for('Receiving video frame')
     send(node, infos, CameraInfo(d=[0.0] * 10_000))
     subscriber.wait_for('on /camera_info was not recorded: a camera_info has at most 65536')
     subscriber.interrupt()

@@ -60,7 +60,7 @@ ALLOWED = {
         'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.logs': {'opencv_tools.image.text'},
     'opencv_tools.message_types': {'opencv_tools.message_types', 'opencv_tools.image',
-                                   'rosidl_adapter'},
+                                   'ament_index_python', 'rosidl_adapter'},
     'opencv_tools.rate_limit': set(),
     'opencv_tools.progress': {'opencv_tools.logs', 'tqdm'},
     'opencv_tools.recording': {'opencv_tools.recording', 'opencv_tools.bags',
@@ -73,14 +73,16 @@ ALLOWED = {
     'opencv_tools.nodes': {
         'opencv_tools.nodes', 'opencv_tools.topics', 'opencv_tools.transport',
         'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.cv_bridge',
-        'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.progress',
+        'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.message_types',
+        'opencv_tools.progress',
         'opencv_tools.rate_limit', 'opencv_tools.recording', 'opencv_tools.regular_files',
         'opencv_tools.signals', 'opencv_tools.standard_streams', 'ament_index_python',
         'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces',
         'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'yaml'},
     'opencv_tools.topics': {
         'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.image',
-        'opencv_tools.logs', 'rcl_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
+        'opencv_tools.logs', 'opencv_tools.message_types', 'rcl_interfaces', 'rclpy',
+        'sensor_msgs', 'std_msgs', 'type_description_interfaces'},
     'opencv_tools.transport': {
         'opencv_tools.transport', 'opencv_tools.image', 'opencv_tools.logs',
         'opencv_tools.message_types', 'opencv_tools.regular_files', 'ament_index_python', 'rclpy',

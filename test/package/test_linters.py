@@ -36,7 +36,8 @@ ROOT = Path(__file__).parents[2]
 RELEASED = {
     'ament_copyright', 'ament_flake8', 'ament_index_python', 'ament_pep257', 'ament_xmllint',
     'builtin_interfaces', 'diagnostic_msgs', 'launch', 'launch_ros', 'rcl_interfaces', 'rclpy',
-    'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'xacro'}
+    'rosgraph_msgs', 'rosidl_adapter', 'sensor_msgs', 'std_msgs', 'std_srvs',
+    'type_description_interfaces', 'xacro'}
 SYSTEM_KEYS = {
     'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',
     'python3-mypy', 'python3-numpy', 'python3-opencv', 'python3-pytest', 'python3-pytest-xdist',

@@ -24,7 +24,7 @@ from typing import Any
 from ament_index_python import get_packages_with_prefixes
 import numpy as np
 from opencv_tools.message_types.definition import (
-    Array, Field, TypeDefinition, PLACEHOLDER, read_definition)
+    Array, Field, PLACEHOLDER, read_definition, TypeDefinition)
 
 SEPARATOR = f'\n{"=" * 80}\nMSG: '
 _RANGES = {'bool': (0, 1), 'byte': (0, 255), 'char': (0, 255), 'int8': (-128, 127),

@@ -20,6 +20,7 @@ from dataclasses import replace
 import time
 from typing import Any
 
+from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
@@ -34,6 +35,7 @@ from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.publisher.source_log import SourceLog
 from opencv_tools.nodes.publisher.stamps import FrameHeaders
+from opencv_tools.nodes.publisher.topic_player import TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.progress import Progress
 from opencv_tools.topics.timers import Delay
@@ -66,7 +68,9 @@ class PublishLoop:
         :param controls: controls of the camera.
         """
         self.settings = settings
+        self._node = node
         self._context = node.context
+        self._topic_player: TopicPlayer | None = None
         self._log = Log(node.get_logger())
         self._topics = topics
         self._controls = controls
@@ -97,6 +101,8 @@ class PublishLoop:
             for frame in self._grabber.frames():
                 if not self._is_live:  # a file can wait, but a camera cannot
                     self._topics.backlog.wait_for_room()
+                if self._topic_player and frame and frame.recorded:
+                    self._topic_player.advance(frame.recorded)
                 self._publish(frame)
                 del frame  # otherwise a camera that is reopened would be in use
                 if self.settings.max_frames == self._progress.count > 0:
@@ -106,6 +112,8 @@ class PublishLoop:
                     raise CaptureError(
                         f'{self.settings.shown_source}: no frame could be published')
                 self._topics.backlog.wait_for_all()
+                if self._topic_player:
+                    self._topic_player.finish()
         except CaptureError as err:
             self._log.error(str(err))
             self._controls.report_unused()
@@ -119,12 +127,17 @@ class PublishLoop:
         """End ``run`` before the next frame."""
         self._grabber.stop()
         self._topics.backlog.stop()
+        if self._topic_player:
+            self._topic_player.close()
 
     def summary(self) -> str:
         """Return the numbers of published and lost frames as a sentence."""
         missed = f', {self._grabber.missed} missed' if self._grabber.missed else ''
+        others = (f'; {self._topic_player.count} messages of other topics'
+                  if self._topic_player else '')
         return (f'Published {self._progress.count} frames at '
-                f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped{missed}')
+                f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped'
+                f'{missed}{others}')
 
     def apply_changes(self, changes: dict[str, Any]) -> None:
         """
@@ -191,6 +204,14 @@ class PublishLoop:
                 settings.source, settings.camera_request(self._controls.requested),
                 settings.read_timeout, settings.bag_topic)
         self._is_live = source.live
+        if isinstance(source, BagSource) and settings.topics and not self._topic_player:
+            self._topic_player = TopicPlayer(
+                self._node, source, settings.topics.split(), self._log,
+                from_start=not settings.start_frame)
+            if settings.publish_rate or settings.stamp != 'original':
+                self._log.warning(
+                    'other topics keep their stamps and times, images do not; set '
+                    'publish_rate:=0.0 and stamp:=original for the times of the bag')
         return source
 
     def _source_status(self) -> SourceStatus:

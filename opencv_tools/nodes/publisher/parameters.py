@@ -39,6 +39,7 @@ from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.publisher.stamps import STAMPS
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.topic_patterns import check_patterns
 from rclpy.logging import get_logger
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -70,6 +71,11 @@ class PublisherSettings(NodeSettings):
         'stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source)
     bag_topic: str = parameter(
         '', 'Topic of the images of a bag; empty for the only one')
+    topics: str = parameter(
+        '', 'Topics of a bag whose messages are published beside the images, at their times; '
+        'names in which * stands for any characters, as a list, or a text with blanks between '
+        'them',
+        check=check_patterns, words=True)
     publish_rate: float = parameter(
         10.0, 'Frame rate of the published images in Hz; 0 for the rate of the source',
         bounds=(0, MAX_RATE), changeable=True)
@@ -179,7 +185,7 @@ class PublisherSettings(NodeSettings):
                 f'parameter start_frame is {self.start_frame}, which is not before stop_frame '
                 f'{self.stop_frame}: give a smaller start_frame, or 0 as stop_frame')
         source = f'the source {self.shown_source}'
-        of_bags = {'bag_topic': self.bag_topic, 'clock': self.clock,
+        of_bags = {'bag_topic': self.bag_topic, 'topics': self.topics, 'clock': self.clock,
                    'stamp': self.stamp if self.stamp == 'original' else ''}
         loop = {'loop': self.loop if self.loop > 1 else 0}
         of_files = {'start_frame': self.start_frame, 'stop_frame': self.stop_frame, **loop}

@@ -137,7 +137,7 @@ class BagMessages:
             offers = self._offers(topic, type_name)
             hashes = {str(offer.topic_type_hash) for offer in offers} - {'INVALID'}
             self._channels[topic, type_name] = BagChannel(
-                topic=topic, type_name=type_name, qos=offered_qos_text(map(_offered_qos, offers)),
+                topic=topic, type_name=type_name, qos=offered_qos_text(map(offered_qos, offers)),
                 type_hash=min(hashes, default=''))
         return self._channels[topic, type_name]
 
@@ -150,7 +150,8 @@ def _qos(offers: list[TopicEndpointInfo]) -> QoSProfile:
     return following_qos([offer.qos_profile for offer in offers], _DEPTH)
 
 
-def _offered_qos(offer: TopicEndpointInfo) -> OfferedQos:
+def offered_qos(offer: TopicEndpointInfo) -> OfferedQos:
+    """Return the quality of service of a publisher as a bag describes it."""
     qos = offer.qos_profile
     return OfferedQos(
         history=qos.history.value, depth=qos.depth, reliability=qos.reliability.value,

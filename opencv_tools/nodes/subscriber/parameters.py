@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.nodes.parameters import parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, priority_parameter
@@ -29,6 +30,7 @@ from opencv_tools.recording.recorder import QUEUE_SIZE
 from opencv_tools.recording.selection import Limits
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
+from opencv_tools.topics.topic_patterns import check_patterns
 
 # Smallest and largest queue of the middleware for a busy subscriber, in frames.
 _LEAST_DEPTH = 10
@@ -56,6 +58,10 @@ class RecorderSettings(NodeSettings):
         '{seq:06d}.png', 'Template of the file names, with {seq}, {stamp}, {sec}, {nanosec}, '
         '{frame_id}, {encoding} or {topic}; the extension selects the format; .mp4, .mkv and .avi '
         'record a video, .mcap a bag', check=_check_file_name)
+    topics: str = parameter(
+        '', 'Topics whose messages are recorded in the bag beside the frames, as names in which * '
+        'stands for any characters; a list, or a text with blanks between them',
+        check=check_patterns, words=True)
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto uses shm if all publishers share frames, '
         'and compressed if no raw images are published', choices=tuple(TRANSPORTS))
@@ -122,6 +128,9 @@ class RecorderSettings(NodeSettings):
         if self.ring and not (self.max_frames or self.max_duration or self.max_bytes):
             raise ParameterError('parameter ring is True without a limit: set max_frames, '
                                  'max_duration or max_bytes as well')
+        if self.topics and FileNames(self.file_name).suffix != BAG_SUFFIX:
+            raise ParameterError(f'parameter topics is {self.topics}: only a bag has topics; set '
+                                 f'file_name to a name with the extension {BAG_SUFFIX}')
         try:
             check_limits(FileNames(self.file_name).suffix, self.limits)
         except ValueError as err:

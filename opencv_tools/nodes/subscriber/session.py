@@ -24,13 +24,14 @@ import time
 from opencv_tools.logs import Log
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.nodes.subscriber.save_service import SaveRequests
+from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
-from opencv_tools.recording.recorder import Recorder
+from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
 from opencv_tools.regular_files import user_path
 from opencv_tools.topics.timers import create_steady_timer
@@ -75,11 +76,8 @@ class RecordingSession:
     def record(self, frame: ReceivedFrame) -> None:
         """Record a frame if it is selected or requested."""
         selection = self._selection
-        if not selection.has_begun and selection.max_seconds:
-            create_steady_timer(self._node, selection.max_seconds, self._end)
-        if selection.is_late():
+        if self._is_late():
             self.skipped += 1
-            self._end()
             return
         requests = self.requests.pop_all() if self.requests else []
         if not (requests if self.requests else selection.selects(frame)):
@@ -90,6 +88,13 @@ class RecordingSession:
             selection.count()
         if selection.is_over:
             self._end()
+
+    def record_messages(self, batch: MessageBatch, on_done: OnDone) -> None:
+        """Record messages of other topics, until the maximum duration; thread-safe."""
+        if self._is_late():
+            on_done('the recording has reached its limits')
+        else:
+            self.recorder.put(batch, on_done)
 
     def wait_for_room(self, deadline: float) -> bool:
         """
@@ -116,6 +121,16 @@ class RecordingSession:
         self.recorder.close()
         if self.requests:
             self.requests.close()
+
+    def _is_late(self) -> bool:
+        """Begin with the first call, and end after the maximum duration."""
+        selection = self._selection
+        if not selection.has_begun and selection.max_seconds:
+            create_steady_timer(self._node, selection.max_seconds, self._end)
+        if not selection.is_late():
+            return False
+        self._end()
+        return True
 
     def _end(self) -> None:
         self._has_ended = True

@@ -128,6 +128,7 @@ class VideoWriter:
         self.frames = 0  # frames that were accepted
         self.flushed = 0  # accepted frames that are complete in the file
         self.skipped = 0  # accepted frames for which there is no room
+        self.others = 0
         self.is_full = False  # there is no room for the next frame
         self.bytes_waiting = 0  # upper bound for the frames that are not in the file yet
         self._path = path

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos, read_offered_qos
 import pytest
 
 rosbags = pytest.importorskip('rosbags.rosbag2.metadata', reason='pip install rosbags')
@@ -44,3 +44,23 @@ def test_policies_are_numbers_for_humble() -> None:
 
 def test_no_publisher() -> None:
     assert offered_qos_text([]) == ''
+
+
+def test_policies_of_every_release_are_read() -> None:
+    offers = [OfferedQos(), OfferedQos(history=2, depth=1000, reliability=2, durability=1)]
+    assert read_offered_qos(offered_qos_text(offers)) == offers
+    named = offered_qos_text(offers[1:]).replace('reliability: 2', 'reliability: best_effort')
+    named = named.replace('durability: 1', "durability: 'transient_local'").replace(
+        'history: 2', 'history: keep_all')
+    assert read_offered_qos(named) == offers[1:]
+
+
+@pytest.mark.parametrize('text', [
+    '', 'depth: 3', '- depth', '- deadline:\n    sec: 3', 'a: &b [*b]'])
+def test_no_known_policies(text: str) -> None:
+    assert read_offered_qos(text) == []
+
+
+def test_unknown_values_of_policies() -> None:
+    assert read_offered_qos('- history: best\n  depth: x\n  reliability: system_default\n'
+                            '  depth: 3') == [OfferedQos()]

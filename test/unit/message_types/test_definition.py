@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 import time
 
 from hypothesis import example, given, settings, strategies
 from installed_messages import compiled_class, installed_texts, installed_type, SEPARATOR
+from opencv_tools.message_types import definition
 from opencv_tools.message_types.definition import (
     Array, DefinitionError, Field, full_name, PLACEHOLDER, read_definition)
 from opencv_tools.message_types.description import type_hash
@@ -45,9 +47,13 @@ def test_types_of_this_package(name: str) -> None:
     assert found.types[name].fields
     compiled = found.types.keys() & installed_texts().keys()
     assert 'builtin_interfaces/msg/Time' in compiled
-    for inner in compiled:
-        assert type_hash(read_definition(inner)) == hash_of(compiled_class(inner)), inner
-    assert all(definition.text.startswith('# From ') for definition in found.types.values())
+    shipped = {f'{path.parent.name}/msg/{path.stem}': path.read_text()
+               for path in Path(definition.__file__).parent.glob('msg/*/*.msg')}
+    for inner in compiled & shipped.keys():
+        assert type_hash(read_definition(inner, shipped[inner])) == hash_of(
+            compiled_class(inner)), inner
+    assert found.types.keys() - compiled <= shipped.keys()
+    assert all(text.startswith('# From ') for text in shipped.values())
 
 
 def test_fields() -> None:
@@ -70,8 +76,8 @@ string[<=2] texts
         Field('fixed', 'float32', Array.FIXED, 3, default=[1, 2, 3]),
         Field('bounded', 'a_msgs/msg/B', Array.BOUNDED, 4),
         Field('unbounded', 'std_msgs/msg/Header', Array.UNBOUNDED))
-    assert [*found.types] == ['a_msgs/msg/A', 'a_msgs/msg/B', 'std_msgs/msg/Header',
-                                    'builtin_interfaces/msg/Time']
+    assert [*found.types] == [
+        'a_msgs/msg/A', 'a_msgs/msg/B', 'std_msgs/msg/Header', 'builtin_interfaces/msg/Time']
     assert read_definition('a_msgs/A', '# empty').types['a_msgs/msg/A'].fields == (
         Field(PLACEHOLDER, 'uint8'),)
 

@@ -47,7 +47,7 @@ BILLION = 10**9
 # Valid values: smallest and largest number, a set of choices, or any text.
 VALUES = {
     'img_publisher': {
-        'source': str, 'bag_topic': str, 'publish_rate': (0.0, 1000.0),
+        'source': str, 'bag_topic': str, 'topics': str, 'publish_rate': (0.0, 1000.0),
         'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
         'height': (0, 65536), 'fps': (0.0, 1000.0), 'fourcc': str,
         'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
@@ -58,8 +58,8 @@ VALUES = {
         'stop_frame': (0, BILLION), 'max_frames': (0, BILLION),
         'wait_for_subscribers': (0, 1000), 'priority': (0, 99)},
     'img_subscriber': {
-        'output_dir': str, 'file_name': str, 'transport': {'auto', 'raw', 'compressed'},
-        'max_pixels': (1, 2**31),
+        'output_dir': str, 'file_name': str, 'topics': str,
+        'transport': {'auto', 'raw', 'compressed'}, 'max_pixels': (1, 2**31),
         'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
         'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
         'every_n': (1, BILLION), 'max_rate': (0.0, 1e6), 'max_frames': (0, BILLION),
@@ -69,8 +69,8 @@ VALUES = {
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9), 'priority': (0, 99)}}
 # Parameters of the publisher that cannot be changed while it runs; all of the subscriber.
-FIXED = {'source', 'bag_topic', 'clock', 'camera_info_url', 'camera_name', 'on_end', 'loop',
-         'start_frame', 'stop_frame', 'max_frames', 'wait_for_subscribers', 'priority'}
+FIXED = {'source', 'bag_topic', 'topics', 'clock', 'camera_info_url', 'camera_name', 'on_end',
+         'loop', 'start_frame', 'stop_frame', 'max_frames', 'wait_for_subscribers', 'priority'}
 
 
 @pytest.fixture

@@ -40,6 +40,7 @@ from opencv_tools.image.cdr import (
 )
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
 from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
@@ -189,6 +190,69 @@ def test_camera_info_alone_makes_no_bag(tmp_path: Path) -> None:
     bags.add_message(camera_info(0))
     bags.close()
     assert not list(tmp_path.iterdir())
+
+
+def batch(first: int, count: int, data_bytes: int = 1000) -> MessageBatch:
+    """Return messages of another topic, one per second."""
+    channel = BagChannel(topic='/door', type_name='my_msgs/msg/Door', definition='bool is_open')
+    times = [1_700_000_000 * NANO + number * NANO for number in range(first, first + count)]
+    return MessageBatch(
+        metadata=FrameMetadata(times[0], '', '', CHANNEL.topic), receive_ns=times[0],
+        arrival_ns=first * NANO, messages=tuple(RecordedMessage(
+            channel=channel, parts=(bytes(data_bytes),), log_ns=time_ns, publish_ns=time_ns,
+            number=number) for number, time_ns in enumerate(times, first)))
+
+
+def test_batches_alone_and_between_frames(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    for item in (batch(1, 3), frame(4), batch(5, 2)):
+        put(bags, item)
+    bags.close()
+    assert [(stored.topic, stored.log_ns // NANO - 1_700_000_000)
+            for stored in read_by_all(tmp_path / 'drive.mcap')] == [
+        ('/door', 1), ('/door', 2), ('/door', 3), ('/video_frames', 4), ('/door', 5), ('/door', 6)]
+    assert lines(tmp_path) == [('drive.mcap', 1)]
+    assert bags.counts.kept == 1
+
+
+def test_bag_without_frames(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path)
+    put(bags, batch(1, 3))
+    bags.close()
+    assert len(read_by_all(tmp_path / 'drive.mcap')) == 3
+    assert lines(tmp_path) == [('drive.mcap', 0)]
+
+
+def test_batch_that_reaches_the_limit(tmp_path: Path) -> None:
+    bags, item = open_bags(tmp_path, limits=Limits(max_bytes=20_000)), batch(1, 100)
+    with pytest.raises(LimitReached):
+        put(bags, item)
+    bags.close()
+    path = tmp_path / 'drive.mcap'
+    assert len(read_by_all(path)) == item.result.written < 20
+    assert 19_000 < path.stat().st_size <= 20_000
+
+
+def test_batches_of_a_split(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, 'a{seq}.mcap', limits=Limits(split_bytes=8000))
+    for first in (1, 9, 17):
+        put(bags, batch(first, 8))
+    bags.close()
+    assert [len(read_by_all(path)) for path in recorded_files(tmp_path)] == [8, 8, 8]
+
+
+def test_batch_larger_than_its_bag(tmp_path: Path) -> None:
+    """The rest of the batch is in the next bag, and no message is written twice."""
+    bags = open_bags(
+        tmp_path, 'a{seq}.mcap', limits=Limits(max_bytes=20_000, ring=True))
+    item = batch(1, 25)
+    put(bags, item)
+    bags.close()
+    assert item.result.written == 25
+    path, = recorded_files(tmp_path)
+    assert [stored.log_ns // NANO - 1_700_000_000 for stored in read_by_all(path)] == [
+        *range(26 - len(read_by_all(path)), 26)]
+    assert 1 <= len(read_by_all(path)) < 19
 
 
 def test_names_of_existing_bags(tmp_path: Path) -> None:
