@@ -133,6 +133,8 @@ def linked_hosts(rate: str, burst: str, latency: str) -> Iterator[tuple[Host, Ho
         near.run('ip', 'link', 'add', INTERFACE, 'type', 'veth',
                  'peer', 'name', INTERFACE, 'netns', str(far.pid))
         for host in (near, far):
+            # Chromium cancels its requests when an address appears, as IPv6's does after seconds.
+            host.run('ip', 'link', 'set', INTERFACE, 'addrgenmode', 'none')
             host.run('ip', 'address', 'add', f'{host.address}/24', 'dev', INTERFACE)
             host.connect()
             host.run('tc', 'qdisc', 'add', 'dev', INTERFACE, 'root',
