@@ -36,6 +36,7 @@ setup(
     python_requires='>=3.10',
     install_requires=['setuptools', 'lxml', 'numpy', 'PyYAML', 'tqdm', 'xacro'],
     extras_require={'bag': ['mcap'],
+                    'jpeg': ['simplejpeg'],
                     'plot': ['matplotlib'],
                     'shm': ['iceoryx2'],
                     'test': ['av', 'hypothesis', 'matplotlib', 'mcap', 'mcap-ros2-support',

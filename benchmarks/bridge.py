@@ -31,6 +31,7 @@ from opencv_tools.frames import Frame
 from opencv_tools.image.cdr import cdr_to_image, image_to_cdr
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image_codecs import decode_image
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Image
 
@@ -160,6 +161,17 @@ def conversions(random: np.random.Generator) -> Iterator[Comparison]:
     yield compare('bayer_rggb8', 'mono8', 5, opencv('bayer_rggb8', cv2.COLOR_BayerBG2GRAY))
 
 
+def jpegs() -> Iterator[Comparison]:
+    """Compare the decoding of a JPEG into given memory with that of OpenCV and a copy."""
+    columns, rows = np.meshgrid(np.arange(HD[1]), np.arange(HD[0]))
+    image = np.stack([columns % 256, rows % 256, (columns + rows) % 256], -1).astype(np.uint8)
+    content = cv2.imencode('.jpg', cv2.GaussianBlur(image, (0, 0), 3))[1].tobytes()
+    out = np.empty_like(image)
+    yield Comparison('a JPEG into memory',
+                     lambda: decode_image(content, lend=lambda *_: out), 'decode, copy',
+                     lambda: np.copyto(out, decode_image(content)), 1)
+
+
 def frames(random: np.random.Generator) -> Iterator[Comparison]:
     """Compare conversions of frames with those of cv_bridge."""
     bridge = CvBridge()
@@ -191,7 +203,7 @@ def main() -> int:
           f'numpy {np.__version__}, OpenCV {cv2.__version__}')
     print(f'{"":32}{"ms":>8}  {"against":20}{"ms":>8}{"ratio":>8}{"goal":>7}')
     figures = []
-    for comparison in (*copies(random), *conversions(random), *frames(random)):
+    for comparison in (*copies(random), *conversions(random), *jpegs(), *frames(random)):
         if comparison.other is None:
             (seconds,) = median_seconds([comparison.work], options.rounds)
             name, unit, other, reached = comparison.name, 'us', '', seconds * 1e6

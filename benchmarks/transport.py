@@ -20,7 +20,8 @@ package configures it, the tutorial's use its defaults. The age of a frame is th
 its publisher has it in hand to when a subscriber has it as an array. The first second of a run
 does not count for the ages. All nodes in the middle flip frames from img_publisher for
 img_subscriber; their CPU time is without the flip. The publisher of loans has a frame in hand when
-the loan is filled, and its CPU time is without the filling.
+the loan is filled, and its CPU time is without the filling. The YUYV camera's frames are converted
+to bgr8 between both times.
 """
 
 from __future__ import annotations
@@ -47,6 +48,8 @@ WAYS = {f'{name} {transport}': Way(*ends, transport=transport) for name, ends in
 }.items() for transport in _TRANSPORTS} | {
     'ours loan': Way('loan publisher', 'img_subscriber', transport='shm'),
     'thread loan': Way('loan publisher', 'thread', transport='shm'),
+    'camera raw': Way('yuyv publisher', 'img_subscriber'),
+    'camera loan': Way('yuyv publisher', 'img_subscriber', transport='shm'),
     'own node loan': Way('img_publisher', 'img_subscriber', 'own node loan', transport='shm'),
     'plain subscriber': Way('img_publisher', 'tutorial subscriber'),
     'plain node': Way('img_publisher', 'img_subscriber', 'plain node'),

@@ -96,9 +96,9 @@ class OurSubscriber(ImageSubscriber):
             self.stages.note(frame.metadata.stamp_ns)
 
 
-def publish(load: Load) -> None:
+def publish(load: Load, *, encoding: str = 'bgr8') -> None:
     """Run img_publisher, with a camera that costs nothing."""
-    camera = Camera(load)
+    camera = Camera(load, encoding)
     loop.open_source = lambda *_: camera
     executable = Executable(
         name='img_publisher', node='image_publisher', priority=load.priority,
@@ -216,8 +216,9 @@ def _interrupt() -> None:
 
 
 ENDS: dict[str, Callable[[Load], None]] = {
-    'img_publisher': publish, 'img_subscriber': subscribe, 'thread': subscribe_in_thread,
-    'loan publisher': publish_loans, 'own node': flip,
+    'img_publisher': publish, 'yuyv publisher': partial(publish, encoding='yuv422_yuy2'),
+    'img_subscriber': subscribe, 'thread': subscribe_in_thread, 'loan publisher': publish_loans,
+    'own node': flip,
     'own node loan': partial(flip, is_loaned=True),
     'tutorial publisher': transport_tutorial.publish,
     'tutorial subscriber': transport_tutorial.subscribe, 'plain node': transport_tutorial.flip}

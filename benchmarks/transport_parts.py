@@ -30,10 +30,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import CapturedFrame
+from opencv_tools.image.encodings import find_encoding
 
 FRAMES, RESULTS = 'video_frames', 'flipped_frames'
 SETTLED_FRAMES = 500  # after which memory should not grow
-_WARM_UP = 2**32 - 1  # number of frames that do not count
+_NUMBER_BITS = 32
+_BITS = np.arange(_NUMBER_BITS)
+_WARM_UP = 2**_NUMBER_BITS - 1  # number of frames that do not count
 _PAGE = resource.getpagesize()
 
 
@@ -115,17 +118,19 @@ class Camera:
     live: Literal[True] = True
     missed = 0
     name = 'a camera'
-    description = 'bgr8'
 
-    def __init__(self, load: Load) -> None:
-        """Create the frames."""
+    def __init__(self, load: Load, encoding: str = 'bgr8') -> None:
+        """Create the frames, with an encoding of three or two bytes a pixel."""
+        self.description = encoding
         self.rate = load.rate
         self.meter = Meter()
         self._counts = False
         self._frames = load.frames
         random = np.random.default_rng(1)
-        self._images = [random.integers(0, 256, (load.height, load.width, 3), np.uint8)
-                        for _ in range(2)]
+        shape = load.height, load.width, find_encoding(encoding).channels
+        self._images = [random.integers(0, 256, shape, np.uint8) for _ in range(2)]
+        for image in self._images:
+            image[(0, -1), :_NUMBER_BITS] = 128  # without colour, if the encoding has chroma
         self._due = time.monotonic()
 
     def begin(self) -> None:
@@ -151,10 +156,10 @@ class Camera:
         number = self.meter.frames if self._counts else _WARM_UP
         image = self._images[number % 2]
         for row in (0, -1):  # the filter exchanges them
-            _number_in(image[row])[0] = number
+            _write_number(image[row], number)
         if self._counts:
             self.meter.tick()
-        return CapturedFrame(image, 'bgr8', time.monotonic_ns())
+        return CapturedFrame(image, self.description, time.monotonic_ns())
 
     def close(self) -> None:
         """Release nothing."""
@@ -173,7 +178,7 @@ class Flip:
         """Return an image upside down, in a given array if there is one."""
         began = time.thread_time()
         flipped: NDArray[Any] = cv2.flip(image, 0, out)
-        if _number_in(image[0])[0] != _WARM_UP:
+        if _read_number(image[0]) != _WARM_UP:
             self._cpu += time.thread_time() - began
             self._meter.tick()
         return flipped
@@ -196,7 +201,7 @@ class Ages:
     def note(self, image: NDArray[Any], stamp_ns: int) -> bool:
         """Record the age of a frame, and return whether the frame counts."""
         age = time.time_ns() - stamp_ns
-        number = int(_number_in(image[0])[0])
+        number = _read_number(image[0])
         if number == _WARM_UP:
             if not self._is_ready:
                 self._is_ready = True
@@ -222,9 +227,14 @@ def listen(begin: Callable[[], object], end: Callable[[], object]) -> None:
     Thread(target=wait, daemon=True).start()
 
 
-def _number_in(row: NDArray[Any]) -> NDArray[Any]:
-    """Return a view of the first four bytes of a row, the number of the frame."""
-    return row.reshape(-1)[:4].view('<u4')
+def _write_number(row: NDArray[Any], number: int) -> None:
+    """Write the number of a frame as black and white pixels, which a conversion keeps."""
+    row[:_NUMBER_BITS, 0] = (number >> _BITS & 1) * 255
+
+
+def _read_number(row: NDArray[Any]) -> int:
+    """Read the number of a frame."""
+    return int(((row[:_NUMBER_BITS, 0] > 127).astype(np.int64) << _BITS).sum())
 
 
 def _say(line: str) -> None:

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 import itertools
 from typing import Any
@@ -28,7 +30,7 @@ from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import (
-    check_jpeg, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
+    check_jpeg, jpeg_components, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
 from opencv_tools.image.text import printable
 
 
@@ -80,6 +82,7 @@ _FLIPS = {'horizontal': 1, 'vertical': 0, 'both': -1}
 _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180,
               270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
+_BGR_CHANNELS = 3
 _MAX_NAME = 80  # characters of an unknown format in an error message
 _FILL_GRAY = 128  # of libjpeg, in all channels
 
@@ -133,6 +136,7 @@ def encode_image(
 
 def decode_image(
     data: Any, upright: bool = False, max_pixels: int = MAX_PIXELS,
+    lend: Callable[[int, int], NDArray[Any] | None] | None = None,
 ) -> NDArray[Any]:
     """
     Decode the content of an image file, with its own depth and channels.
@@ -140,20 +144,25 @@ def decode_image(
     :param data: buffer with the content of the file.
     :param upright: whether to rotate a JPEG by its Exif orientation.
     :param max_pixels: largest allowed number of pixels; the header is checked before decoding.
-    :returns: a new array: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA.
+    :param lend: lends a (height, width, 3) uint8 array or None, if simplejpeg is installed. A
+        colour JPEG is decoded into this array.
+    :returns: a new or lent array: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA.
     :raises CodecError: the content is not an image file, is incomplete, or has too many pixels.
     """
     content = bytes(data)
     described = f'{len(content)} bytes'
-    check_size(*image_size(content), max_pixels)
+    width, height = image_size(content)
+    check_size(width, height, max_pixels)
     is_jpeg = content.startswith(JPEG_SOI)
     scan_end = check_complete(content) if is_jpeg else 0
     # With IMREAD_UNCHANGED OpenCV ignores the Exif orientation. The other flags can change the
     # channels, but not those of a JPEG.
     flags = (cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH if is_jpeg and upright
              else cv2.IMREAD_UNCHANGED)
+    out = (lend(height, width) if lend and is_jpeg and _simplejpeg()
+           and jpeg_components(content) == _BGR_CHANNELS else None)
     try:
-        image = _decode(content, flags)
+        image = _decode(content, flags, out)
         extended = (_decode(with_extra_data(content, scan_end), flags)
                     if is_jpeg and image is not None and _has_fill_gray(image) else image)
     except cv2.error as err:
@@ -183,8 +192,29 @@ def check_complete(jpeg: bytes) -> int:
         raise CodecError(f'{len(jpeg)} bytes of {err}') from err
 
 
-def _decode(content: bytes, flags: int) -> NDArray[Any] | None:
-    return cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+def _decode(
+    content: bytes, flags: int, out: NDArray[Any] | None = None,
+) -> NDArray[Any] | None:
+    """Decode an image, a colour JPEG into an array of its size if there is one."""
+    if out is not None:
+        with suppress(ValueError):  # a warning of libjpeg, which OpenCV does not refuse
+            _simplejpeg().decode_jpeg(content, 'BGR', buffer=out)
+            return out
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    if out is None or image is None:
+        return image
+    np.copyto(out, image)
+    return out
+
+
+@lru_cache
+def _simplejpeg() -> Any:
+    """Return the module, which is optional; None if it cannot be imported."""
+    try:
+        import simplejpeg
+    except ImportError:
+        return None
+    return simplejpeg
 
 
 def _has_fill_gray(image: NDArray[Any]) -> bool:

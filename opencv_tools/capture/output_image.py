@@ -39,6 +39,7 @@ from opencv_tools.image_codecs import (
 # the colour channels, so it can be decoded to each of them.
 _AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
 _MAX_CHANNELS = 4  # that OpenCV turns
+_DECODED = find_encoding('bgr8')  # colour JPEG
 
 Lend = Callable[[int, int, Encoding], NDArray[Any] | None]
 
@@ -169,14 +170,16 @@ class OutputImage:
     @cached_property
     def _pixels(self) -> tuple[NDArray[Any], Encoding]:
         image = self._frame.image
+        flip, degrees = self.settings.flip, self.settings.rotate
+        is_turned = flip != 'none' or degrees
         if self._frame.encoding == JPEG:
-            image = decode_image(image)
+            is_final = not is_turned and self.settings.encoding in ('', _DECODED.name)
+            image = decode_image(image, lend=None if not is_final else (
+                lambda height, width: self.lend(height, width, _DECODED)))
             encoding = decoded_encoding(image, self._format)
         else:
             encoding = find_encoding(self._frame.encoding)
         target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
-        flip, degrees = self.settings.flip, self.settings.rotate
-        is_turned = flip != 'none' or degrees
         if not target.has_layout_of(encoding):
             native = _native(image, encoding)
             image = convert_image(native, encoding, target, None if is_turned else self.lend(

@@ -52,7 +52,7 @@ ALLOWED = {
                              'opencv_tools.image', 'opencv_tools.logs', 'opencv_tools.progress',
                              'opencv_tools.recording', 'opencv_tools.signals',
                              'opencv_tools.standard_streams'},
-    'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2'},
+    'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2', 'simplejpeg'},
     'opencv_tools.frames': {
         'opencv_tools.frames', 'opencv_tools.cv_bridge', 'opencv_tools.image',
         'opencv_tools.image_codecs', 'opencv_tools.logs', 'opencv_tools.nodes',

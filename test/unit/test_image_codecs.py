@@ -19,6 +19,7 @@ from __future__ import annotations
 import cv2
 from images import oriented_jpeg, random_image, UPRIGHT
 import numpy as np
+from opencv_tools import image_codecs
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
@@ -29,6 +30,7 @@ from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
 from opencv_tools.recording.naming import FrameMetadata
 import pytest
 from sensor_msgs.msg import CompressedImage
+import simplejpeg
 
 LOSSLESS = ('png', 'bmp', 'dib', 'tif', 'tiff', 'sr', 'ras', 'ppm')
 LOSSY = ('jpg', 'jpeg', 'jpe')
@@ -111,6 +113,59 @@ def test_exif_orientation_is_applied_only_on_request(orientation: int) -> None:
         data=jpeg)
     assert encode_frame(recorded, EncoderSettings('.jpg')).data is jpeg
     np.testing.assert_array_equal(recorded.decode().image, lying, strict=True)
+
+
+SAMPLINGS = {name.rpartition('_')[2]: value for name, value in vars(cv2).items()
+             if name.startswith('IMWRITE_JPEG_SAMPLING_FACTOR_')}
+
+
+@pytest.mark.parametrize('sampling', [None, *SAMPLINGS.values()], ids=['', *SAMPLINGS])
+@pytest.mark.parametrize('size', [(16, 32), (37, 53)])
+def test_jpeg_decoded_into_an_array(size: tuple[int, int], sampling: int | None) -> None:
+    options = (cv2.IMWRITE_JPEG_SAMPLING_FACTOR, sampling) if sampling else ()
+    content = cv2.imencode('.jpg', random_image('bgr8', *size), options)[1].tobytes()
+    out = np.zeros((*size, 3), np.uint8)
+    assert decode_image(content, lend=lambda *shape: out if shape == size else None) is out
+    np.testing.assert_array_equal(out, decode_image(content))
+    assert decode_image(content, lend=lambda *_: None) is not out
+
+
+def test_damaged_jpeg_decoded_into_an_array() -> None:
+    whole = cv2.imencode('.jpg', random_image('bgr8', 64, 64))[1].tobytes()
+    refused = 0
+    for place in range(len(whole) // 2, len(whole) - 2, 40):
+        # Neither a marker nor a stuffed zero comes or goes.
+        content = whole[:place] + bytes([whole[place] ^ (1 < whole[place] < 254)]) + whole[
+            place + 1:]
+        try:
+            simplejpeg.decode_jpeg(content)
+        except ValueError:
+            refused += 1
+        out = np.zeros((64, 64, 3), np.uint8)
+        assert decode_image(content, lend=lambda *_: out) is out  # noqa: B023
+        np.testing.assert_array_equal(out, decode_image(content))
+    assert refused > 5
+
+
+@pytest.mark.parametrize('content', [
+    cv2.imencode('.jpg', random_image('mono8', 6, 9))[1],
+    cv2.imencode('.png', random_image('bgr8', 6, 9))[1]], ids=['gray', 'png'])
+def test_images_that_are_not_decoded_into_an_array(content: np.ndarray) -> None:
+    found = decode_image(content, lend=lambda *_: pytest.fail('nothing is written'))
+    np.testing.assert_array_equal(found, cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
+
+
+def test_cut_jpeg_is_not_decoded_into_an_array() -> None:
+    content = cv2.imencode('.jpg', random_image('bgr8', 64, 64))[1].tobytes()
+    with pytest.raises(CodecError, match='end is missing'):
+        decode_image(content[:-200], lend=lambda *_: np.zeros((64, 64, 3), np.uint8))
+
+
+def test_jpeg_without_simplejpeg(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(image_codecs, '_simplejpeg', lambda: None)
+    content = cv2.imencode('.jpg', random_image('bgr8', 6, 9))[1]
+    found = decode_image(content, lend=lambda *_: pytest.fail('nothing is written'))
+    np.testing.assert_array_equal(found, cv2.imdecode(content, cv2.IMREAD_UNCHANGED))
 
 
 @pytest.mark.parametrize('upright', [False, True])

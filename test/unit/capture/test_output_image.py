@@ -79,9 +79,9 @@ TURNS = [(flip, degrees) for flip in FLIPS for degrees in (0, 90, 180, 270)]
 
 @pytest.mark.parametrize(('captured', 'requested', 'lends'), [
     ('rgb8', 'bgr8', True), ('bgr8', '', False), ('mono8', '', False), ('bgr16', 'mono8', True),
-    (JPEG, 'rgb8', True), (JPEG, '', False), ('yuv422_yuy2', 'bgr8', True),
-    ('nv12', 'mono8', True), ('bayer_rggb8', 'bgr8', True), ('bayer_rggb8', '', False),
-    ('32FC1', '', False)])
+    (JPEG, 'rgb8', True), (JPEG, '', True), (JPEG, 'bgr8', True), (JPEG, 'mono8', True),
+    ('yuv422_yuy2', 'bgr8', True), ('nv12', 'mono8', True), ('bayer_rggb8', 'bgr8', True),
+    ('bayer_rggb8', '', False), ('32FC1', '', False)])
 @pytest.mark.parametrize(('flip', 'degrees'), TURNS)
 def test_last_conversion_writes_to_lent_memory(
         captured: str, requested: str, lends: bool, flip: str, degrees: int) -> None:
@@ -196,7 +196,8 @@ def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.Monkey
         original = getattr(__import__('opencv_tools.capture.output_image', fromlist=['x']), name)
         monkeypatch.setattr(
             f'opencv_tools.capture.output_image.{name}',
-            lambda *args, name=name, original=original: calls.append(name) or original(*args))
+            lambda *args, name=name, original=original, **options: (
+                calls.append(name) or original(*args, **options)))
     output = OutputImage(frame_of(JPEG), OutputSettings('mono8'))
     assert not calls
     for _ in range(2):
