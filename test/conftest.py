@@ -62,6 +62,9 @@ collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
 pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
 
+# Processes inherit that a signal is ignored, as nohup does, and the tests send it.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
 # The processes of the tests multiply no large matrices; their starts take a quarter less time.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
