@@ -53,7 +53,8 @@ class ImagePublisher(ClosableNode):
         settings.check()
         calibration = open_calibration(self, settings)
         self._topics = topics = ImageTopics(
-            self, 'video_frames', calibration, fastdds, settings.wait_for_subscribers)
+            self, 'video_frames', calibration, fastdds, settings.wait_for_subscribers,
+            settings.video())
         self.publisher_ = topics.images
         controls = CameraControls(self, PARAMETERS, lambda: self._loop.camera)
         self._loop = PublishLoop(self, settings, topics, controls)

@@ -55,7 +55,8 @@ class FilterSettings(NodeSettings):
     every: bool = parameter(
         False, 'Whether to filter every frame; false to skip frames while the function runs')
     transport: str = parameter(
-        'auto', 'Type of the received images; auto prefers shm to raw, and raw to compressed',
+        'auto', 'Type of the received images; auto prefers shm to raw, raw to '
+        'compressed, and video from another machine',
         choices=tuple(TRANSPORTS))
     max_rate: float = parameter(
         0.0, 'Maximum rate of the filtered frames in Hz, by their stamps; 0 for no limit',

@@ -34,6 +34,7 @@ from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.units import NANO
+from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
@@ -51,7 +52,9 @@ class FramePublisher:
     ``qos_overrides`` parameters of the node change it. Several threads may publish.
     """
 
-    def __init__(self, node: Node, topic: str, *, quality: int = 80) -> None:
+    def __init__(
+        self, node: Node, topic: str, *, quality: int = 80, video: VideoSettings | None = None,
+    ) -> None:
         """
         Create the publishers.
 
@@ -59,6 +62,8 @@ class FramePublisher:
         :param topic: name of the topic of the raw images; JPEG images are on
             ``<topic>/compressed``.
         :param quality: quality of JPEG, 1 to 100.
+        :param video: settings of the video on ``<topic>/ffmpeg`` and ``<topic>/foxglove``; None
+            for no such topics.
         :raises ParameterError: the name of the topic or the quality is invalid, or the
             ``qos_overrides`` parameters of the topic cannot be used.
         """
@@ -68,7 +73,7 @@ class FramePublisher:
         self._quality = quality
         self._bridge = CvBridge()
         self._log = Log(node.get_logger())
-        self._topics = FrameTopics(node, topic)
+        self._topics = FrameTopics(node, topic, video)
 
     @property
     def topic_name(self) -> str:
@@ -128,11 +133,15 @@ class FramePublisher:
         slot: Slot | None = None,
     ) -> None:
         header = self._header_of(source)
-        if slot and self._topics.compressed.get_subscription_count():
+        video = self._topics.video
+        if slot and (self._topics.compressed.get_subscription_count()
+                     or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
         if slot is None:
             self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
+            if video:
+                video.publish(lambda: (image, encoding.name), header)
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""

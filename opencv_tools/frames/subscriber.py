@@ -58,7 +58,7 @@ class FrameSubscriber:
             in the executor.
         :param camera_info: whether to wait for the calibration with the same stamp, from the topic
             ``camera_info`` beside the image topic.
-        :param transport: ``auto``, ``raw``, ``compressed`` or ``shm``.
+        :param transport: ``auto``, ``raw``, ``compressed``, ``video`` or ``shm``.
         :param max_rate: maximum rate of the calls in Hz, by the stamps of the frames; 0 for no
             limit. The frames between are skipped, also if ``every`` is set.
         :raises ParameterError: an argument is invalid.
@@ -102,7 +102,7 @@ class FrameSubscriber:
             self._left_out += 1
             return
         try:
-            frame = Frame(received.message, self._encoding, received.receive_ns,
+            frame = Frame(received.image, self._encoding, received.receive_ns,
                           received.camera_info)
         except (CvBridgeError, ImageError) as err:
             self._count_failed(err)

@@ -23,9 +23,11 @@ from typing import Any
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic
+from opencv_tools.topics.video_topics import VideoTopics
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from opencv_tools.transport.shared_frames.writer import Slot
+from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage, Image
 
@@ -36,17 +38,19 @@ Lend = Callable[[int], Slot | None]
 
 class FrameTopics:
     """
-    Publish raw images, also by shared memory, and compressed images, if they have subscribers.
+    Publish raw images, also by shared memory, compressed images and video, if they have
+    subscribers.
 
     The names of the topics are those of image_transport.
     """
 
-    def __init__(self, node: Node, topic: str) -> None:
+    def __init__(self, node: Node, topic: str, video: VideoSettings | None = None) -> None:
         """
         Create the publishers.
 
         :param topic: name of the topic of the raw images; compressed images are on
             ``<topic>/compressed``.
+        :param video: settings of the video; None for no video.
         :raises ParameterError: the name of the topic or its ``qos_overrides`` parameters cannot be
             used.
         """
@@ -55,17 +59,20 @@ class FrameTopics:
         self.images = create_frame_publisher(node, Image, topic)
         self.compressed = create_frame_publisher(node, CompressedImage, f'{self.name}/compressed')
         self.shared = SharedFramePublisher(node, self.images)
+        #: Topics of the video; None without video.
+        self.video = VideoTopics(node, self.name, video) if video else None
         self._node = node
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a raw or compressed image would be received."""
+        """Whether a frame would be received."""
         return bool(self.shared.has_subscribers or self.images.get_subscription_count()
-                    or self.compressed.get_subscription_count())
+                    or self.compressed.get_subscription_count()
+                    or (self.video and self.video.count_subscribers()))
 
     def count_subscribers(self) -> int:
         """
-        Return the number of subscribers of raw and compressed images.
+        Return the number of subscribers of raw and compressed images, and of video.
 
         A subscriber by shared memory may have subscribed to the image topic as well.
         """
@@ -74,7 +81,8 @@ class FrameTopics:
                      found.node_name)
                     for found in self._node.get_subscriptions_info_by_topic(name))
             for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}'))
-        return int(self.images.get_subscription_count()
+        video = self.video.count_subscribers() if self.video else 0
+        return int(self.images.get_subscription_count() + video
                    + self.compressed.get_subscription_count() + (shared - raw).total())
 
     def publish_raw(
@@ -108,5 +116,7 @@ class FrameTopics:
     def destroy(self) -> None:
         """Remove the publishers."""
         self.shared.destroy()
+        if self.video:
+            self.video.destroy()
         self._node.destroy_publisher(self.images)
         self._node.destroy_publisher(self.compressed)

@@ -16,24 +16,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 import time
 
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.topics.message_reader import ImageReader
+from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Position
 from opencv_tools.topics.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
 from opencv_tools.topics.topic_discovery import ImageTopic, TopicDiscovery
+from opencv_tools.topics.video_decoding import VideoDecoding
 from opencv_tools.transport import zero_copy
+from opencv_tools.video.messages import VIDEO_TOPICS, WireVideo
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 # Time in which every publisher discovers a new subscription, also over a slow network.
 _OVERLAP_SECONDS = 1.0
 # Frames that wait at the end, and one more than Fast DDS keeps for a subscription.
 _MAX_MESSAGES = 5001
+# Messages of video that wait, because a later one needs each of them.
+_VIDEO_DEPTH = 60
 
 
 class ImageSource:
@@ -49,25 +53,26 @@ class ImageSource:
     """
 
     def __init__(
-        self, discovery: TopicDiscovery, depth: int | None, queue: FrameQueue, log: Log,
+        self, discovery: TopicDiscovery, options: SubscriptionOptions, queue: FrameQueue, log: Log,
         before_message: Callable[[bytes], object], on_readers: Callable[[], object],
     ) -> None:
         """
         Choose a topic, without a reader until ``use`` is called.
 
         :param discovery: the possible topics and their publishers.
-        :param depth: number of messages that may wait; None for all.
+        :param options: number of messages that may wait, and whether video is decoded.
         :param queue: queue that gets the frames.
         :param before_message: called with the publisher of a message before it is put.
         :param on_readers: called when ``readers`` has changed.
         """
         self._node = discovery.node
         self._discovery = discovery
-        self._depth = depth
+        self._depth = options.depth
         self._queue = queue
         self._log = log
         self._before_message = before_message
         self._on_readers = on_readers
+        self._video = VideoDecoding(options.max_pixels) if options.decodes_video else None
         self._candidate: ImageTopic | None = None
         self._count_before = 0  # frames before the first publisher appeared
         #: Identifiers of the publishers that were found last.
@@ -75,7 +80,7 @@ class ImageSource:
         #: The chosen topic.
         self.topic = discovery.best() or discovery.allowed[0]
         #: Requested quality of service.
-        self.qos = self._best_qos(discovery.publishers(self.topic))
+        self.qos = self._best_qos(self.topic)
         self._reader: ImageReader | None = None
         self._previous: ImageReader | None = None
         self._retire_at = 0.0
@@ -126,11 +131,16 @@ class ImageSource:
         received_ns: int | None = None
         for message, info in reader.take():
             received_ns = info.received_timestamp if info else 0
+            publisher = bytes(info.publisher) if info else b''
+            self._before_message(publisher)
+            if self._video and isinstance(message, WireVideo):
+                image = self._video.decode(message, publisher, info.number if info else 0)
+                if image is None:  # which counts as lost
+                    continue
+                message = image
             frame: QueuedFrame = message if isinstance(message, CdrError) else ReceivedMessage(
                 message, received_ns or time.time_ns(), *(
                     (info.source_timestamp, info.number) if info else ()))
-            publisher = bytes(info.publisher) if info else b''
-            self._before_message(publisher)
             self._queue.put(frame, publisher, Position(info.number) if info else None,
                             keeps_all=keeps_all)
         return received_ns
@@ -160,7 +170,7 @@ class ImageSource:
         :returns: whether the publishers have changed.
         """
         offers = self._discovery.publishers(self.topic)
-        qos = self._best_qos(offers)
+        qos = self._best_qos(self.topic)
         publishers = frozenset(bytes(info.endpoint_gid) for info in offers)
         are_new = not self.publishers & publishers
         have_changed = publishers != self.publishers
@@ -180,7 +190,8 @@ class ImageSource:
         :returns: whether the topic has changed.
         """
         if len(self._discovery.allowed) == 1 or (
-                self.has_frames and self._discovery.publishers(self.topic)):
+                self.has_frames and self._discovery.publishers(self.topic)
+                and not self._discovery.prefers_video(self.topic)):
             return False
         self._count_before = self._queue.count
         best = self._discovery.best() or self.topic
@@ -191,7 +202,7 @@ class ImageSource:
         self._candidate = None
         if best == self.topic:
             return False
-        self._subscribe_again(best, self._best_qos(self._discovery.publishers(best)))
+        self._subscribe_again(best, self._best_qos(best))
         with self._queue.lock:
             self._queue.order.restart()
         return True
@@ -207,8 +218,13 @@ class ImageSource:
             reader.destroy()
         self._reader = self._previous = None
 
-    def _best_qos(self, offers: Iterable[TopicEndpointInfo]) -> QoSProfile:
-        return following_qos([info.qos_profile for info in offers], self._depth)
+    def _best_qos(self, topic: ImageTopic) -> QoSProfile:
+        """Return the quality of service that the publishers of a topic offer."""
+        depth = self._depth
+        if depth is not None and topic.type_name in VIDEO_TOPICS:
+            depth = max(depth, _VIDEO_DEPTH)
+        return following_qos(
+            [info.qos_profile for info in self._discovery.publishers(topic)], depth)
 
     def _drain(self, reader: ImageReader) -> None:
         for _ in self.received_until_now(reader, keeps_all=not self._queue.keeps_newest):

@@ -20,10 +20,10 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from typing import Any
 
-from opencv_tools.image.cdr import IMAGE, WireMessage
+from opencv_tools.image.cdr import IMAGE
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.topics.messages import MESSAGE_TYPES, read_message
+from opencv_tools.topics.messages import AnyMessage, message_class, read_message
 from opencv_tools.topics.topic_discovery import ImageTopic
 from opencv_tools.transport.rcl_structures import MessageInfo
 from opencv_tools.transport.zero_copy import (
@@ -45,7 +45,7 @@ _EVENTS = (QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
 
 #: A message, or the error of one that cannot be read, and its metadata. The metadata are None if
 #: the middleware has discarded the message.
-TakenMessage = tuple[WireMessage | CdrError, MessageInfo | None]
+TakenMessage = tuple[AnyMessage | CdrError, MessageInfo | None]
 
 
 class MessageReader:
@@ -91,7 +91,7 @@ class MessageReader:
 
 
 class ImageReader(MessageReader):
-    """Reader of raw or compressed images."""
+    """Reader of raw or compressed images, or of video."""
 
     def __init__(self, node: Node, image_topic: ImageTopic, qos: QoSProfile) -> None:
         """
@@ -101,8 +101,7 @@ class ImageReader(MessageReader):
         :param qos: quality of service to request.
         :raises ParameterError: the name of the topic or the quality of service is invalid.
         """
-        message_class, _ = MESSAGE_TYPES[image_topic.type_name]
-        super().__init__(node, message_class, image_topic.name, qos)
+        super().__init__(node, message_class(image_topic.type_name), image_topic.name, qos)
         self.image_topic = image_topic
         #: Whether no other reader receives the same messages.
         self.is_alone = True

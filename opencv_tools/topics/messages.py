@@ -22,6 +22,8 @@ from typing import Any
 from opencv_tools.image.cdr import (
     cdr_to_compressed_image, cdr_to_image, COMPRESSED_IMAGE, IMAGE, WireMessage)
 from opencv_tools.image.errors import CdrError, EncapsulationError
+from opencv_tools.transport.message_type import message_type
+from opencv_tools.video.messages import cdr_to_video, VIDEO_TOPICS, WireVideo
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
@@ -32,21 +34,38 @@ MESSAGE_TYPES: dict[str, tuple[Any, Callable[[Any], WireMessage]]] = {
 }
 
 
-def read_message(serialized: Any, type_name: str) -> WireMessage:
+#: A message with an image, or with a picture of video.
+AnyMessage = WireMessage | WireVideo
+
+
+def message_class(type_name: str) -> Any:
+    """
+    Return the class of messages with images or video for a subscription.
+
+    :param type_name: one of ``MESSAGE_TYPES`` or ``VIDEO_TOPICS``.
+    """
+    if type_name in VIDEO_TOPICS:
+        return message_type(type_name)
+    return MESSAGE_TYPES[type_name][0]
+
+
+def read_message(serialized: Any, type_name: str) -> AnyMessage:
     """
     Read a serialized message.
 
     :param serialized: buffer with the message.
-    :param type_name: type of the message, one of ``MESSAGE_TYPES``.
+    :param type_name: type of the message, one of ``MESSAGE_TYPES`` or ``VIDEO_TOPICS``.
     :returns: the message, a view of the buffer; a message in another format than plain CDR is
         converted by the middleware.
     :raises CdrError: the buffer does not hold a message of this type.
     """
-    message_class, read = MESSAGE_TYPES[type_name]
+    if type_name in VIDEO_TOPICS:
+        return cdr_to_video(type_name, serialized)
+    kind, read = MESSAGE_TYPES[type_name]
     try:
         return read(serialized)
     except EncapsulationError:
         try:
-            return read(serialize_message(deserialize_message(bytes(serialized), message_class)))
+            return read(serialize_message(deserialize_message(bytes(serialized), kind)))
         except RuntimeError as err:  # rclpy's RMWError is private
             raise CdrError(f'the middleware cannot read the message: {err}') from err

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
 from opencv_tools.transport.shared_frames.reader import MAX_VIEWS
 
@@ -33,6 +34,9 @@ class SubscriptionOptions:
     :param threaded: whether a thread of the subscription calls the callbacks, not the executor.
     :param camera_info: whether a frame waits for the calibration with the same stamp.
     :param prefers_compressed: whether ``auto`` prefers compressed images.
+    :param decodes_video: whether the frames of video topics are decoded; else they are messages
+        with video.
+    :param max_pixels: maximum number of pixels of a picture of video.
     :param max_views: number of frames that may stay in the shared memory; more are copied.
     """
 
@@ -41,6 +45,8 @@ class SubscriptionOptions:
     threaded: bool = False
     camera_info: bool = False
     prefers_compressed: bool = False
+    decodes_video: bool = True
+    max_pixels: int = MAX_PIXELS
     max_views: int = MAX_VIEWS
 
     @property

@@ -21,6 +21,7 @@ from typing import Any
 
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import (
@@ -74,18 +75,24 @@ def describe_qos(qos: QoSProfile) -> str:
             + (', transient local' if is_latched else ''))
 
 
-def create_frame_publisher(node: Node, message_type: Any, topic: str) -> Publisher:
+def create_frame_publisher(
+    node: Node, message_type: Any, topic: str, *, depth: int = _DEPTH,
+    events: PublisherEventCallbacks | None = None,
+) -> Publisher:
     """
     Create a reliable publisher; parameters may override history, depth and reliability.
 
     :param message_type: class of the messages.
+    :param depth: number of messages that slow subscribers may receive later.
+    :param events: callbacks for events of subscribers.
     :returns: the publisher.
     :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
     """
-    qos = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
     options = QoSOverridingOptions.with_default_policies(callback=_check_depth)
     try:
-        return node.create_publisher(message_type, topic, qos, qos_overriding_options=options)
+        return node.create_publisher(message_type, topic, qos, event_callbacks=events,
+                                     qos_overriding_options=options)
     except (InvalidQosOverridesError, RuntimeError) as err:
         raise ParameterError(f'{topic} cannot be published: {err}') from err
 

@@ -23,8 +23,10 @@ from typing import Any
 
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
+from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.topics.order import FrameOrder, Position, Way
 from opencv_tools.units import NANO
+from opencv_tools.video.messages import WireVideo
 from sensor_msgs.msg import CameraInfo
 
 _MAX_INFOS = 30  # calibrations that wait for their image
@@ -36,18 +38,29 @@ class ReceivedMessage:
     """
     A received image message.
 
-    :param message: raw or compressed image.
+    :param message: raw or compressed image, or video if the subscription does not decode it.
     :param receive_ns: time of reception in nanoseconds of the system clock.
     :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
     :param number: number that the publisher gave; 0 if unknown.
     :param camera_info: calibration with the same stamp, if it was requested.
     """
 
-    message: WireMessage
+    message: AnyMessage
     receive_ns: int
     publish_ns: int = 0
     number: int = 0
     camera_info: CameraInfo | None = None
+
+    @property
+    def image(self) -> WireMessage:
+        """
+        The message of a subscription that decodes video.
+
+        :raises TypeError: it is video.
+        """
+        if isinstance(self.message, WireVideo):
+            raise TypeError('the message is video, which this subscription does not decode')
+        return self.message
 
     @property
     def stamp_ns(self) -> int:

@@ -60,7 +60,7 @@ class FrameSources:
         ) if options.transport in ('auto', 'shm') and can_share() else None
         #: The image topic.
         self.image = ImageSource(
-            discovery, options.depth, queue, log,
+            discovery, options, queue, log,
             self.shared.receive_before_message if self.shared else lambda publisher: None,
             self._watch)
         self._watch()

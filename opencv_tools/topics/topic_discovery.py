@@ -26,17 +26,19 @@ from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch
 from opencv_tools.transport.fastdds.shared_memory import find_other_user
+from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 #: Types of the messages that each transport uses.
 TRANSPORTS = {
-    'auto': (IMAGE, COMPRESSED_IMAGE), 'raw': (IMAGE,), 'compressed': (COMPRESSED_IMAGE,),
-    'shm': (IMAGE,)}
+    'auto': (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS), 'raw': (IMAGE,),
+    'compressed': (COMPRESSED_IMAGE,), 'video': (*VIDEO_TOPICS,), 'shm': (IMAGE,)}
 
 # What rmw allows, less the longest suffix that a topic gets here.
 _MAX_NAME = 247 - len('/compressed')
+_HOST = slice(2, 4)  # of the identifier of an endpoint of Fast DDS, see section 9.3.1.5 of DDSI-RTPS
 # What rcl adds to its errors: the failed step, and the line of its source.
 _RCL_PLACE = re.compile(r'^failed to resolve name: |, at \S+:\d+$')
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
@@ -91,7 +93,7 @@ def image_topics(node: Node, types: Set[str] = MESSAGE_TYPES.keys()) -> list[str
 
 
 class TopicDiscovery:
-    """The raw and compressed topics that belong to an image topic, and their publishers."""
+    """The raw, compressed and video topics of an image topic, and their publishers."""
 
     def __init__(
         self, node: Node, topic: str, transport: str, *, prefers_compressed: bool = False,
@@ -119,6 +121,8 @@ class TopicDiscovery:
             (possible for possible in self._possible
              if possible.type_name in TRANSPORTS[transport]),
             key=lambda allowed: prefers_compressed and allowed.type_name == IMAGE)
+        self._video = [possible for possible in self.allowed if possible.type_name in VIDEO_TOPICS]
+        self._host: bytes | None = None  # of this process
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
@@ -132,8 +136,26 @@ class TopicDiscovery:
             if bytes(info.endpoint_gid) in publishers))
 
     def best(self) -> ImageTopic | None:
-        """Return the first topic that has a publisher, or None."""
-        return next(filter(self.publishers, self.allowed), None)
+        """Return the best topic that has a publisher, or None."""
+        found = [*filter(self.publishers, self.allowed)]
+        return next((video for video in found if self.prefers_video(found[0])
+                     and video.type_name in VIDEO_TOPICS), found[0] if found else None)
+
+    def prefers_video(self, image_topic: ImageTopic) -> bool:
+        """Return whether video is better, because the publishers are on other machines."""
+        return (image_topic.type_name not in VIDEO_TOPICS
+                and any(map(self.publishers, self._video))
+                and all(map(self._is_remote, self.publishers(image_topic))))
+
+    def _is_remote(self, info: TopicEndpointInfo) -> bool:
+        """Return whether a publisher is on another machine, as far as Fast DDS tells."""
+        if self._host is None:
+            own = self.node.get_name(), self.node.get_namespace()
+            self._host = next((
+                bytes(found.endpoint_gid)[_HOST]
+                for found in self.node.get_publishers_info_by_topic('/parameter_events')
+                if (found.node_name, found.node_namespace) == own), None)
+        return self._host not in (None, bytes(info.endpoint_gid)[_HOST])
 
     def explain_no_frames(self, image_topic: ImageTopic, qos: QoSProfile) -> str:
         """
@@ -165,7 +187,8 @@ class TopicDiscovery:
     ) -> str:
         """Describe frames of the other message type."""
         topic, name = self._resolved_name(subscribed), self._resolved_name(published)
-        transport = 'raw' if published.type_name == IMAGE else 'compressed'
+        transport = next(name for name, types in TRANSPORTS.items()
+                         if name != 'auto' and published.type_name in types)
         if name == topic:
             publisher = f'{name} has a publisher of type {published.type_name} ' \
                         f'({_describe_node(info)}), not {subscribed.type_name}'
@@ -203,9 +226,14 @@ def _possible_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
     raw = ImageTopic(topic, IMAGE)
     compressed = ImageTopic(topic, COMPRESSED_IMAGE)
     subtopic = ImageTopic(f'{resolved}/compressed', COMPRESSED_IMAGE)
+    video = [ImageTopic(f'{resolved}/{suffix}', type_name)
+             for type_name, suffix in VIDEO_TOPICS.items()]
+    own_video = [ImageTopic(topic, type_name) for type_name in VIDEO_TOPICS]
     if resolved.endswith('/compressed'):
-        return compressed, raw, subtopic
-    return raw, subtopic, compressed
+        return compressed, raw, subtopic, *own_video
+    if resolved.endswith(tuple(f'/{suffix}' for suffix in VIDEO_TOPICS.values())):
+        return *own_video, raw, compressed
+    return raw, subtopic, compressed, *video, *own_video
 
 
 def _describe_silent(

@@ -86,7 +86,7 @@ class Feed:
 
     def put(self, received: ReceivedMessage) -> None:
         """Replace the newest frame."""
-        self.newest = NewFrame(next(self._numbers), received.message, received.receive_ns)
+        self.newest = NewFrame(next(self._numbers), received.image, received.receive_ns)
         self.error = ''
         self._arrived()
         self._on_frame()

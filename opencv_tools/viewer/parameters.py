@@ -56,7 +56,7 @@ class ViewerSettings(NodeSettings):
         '', 'Image topics to show, separated by commas, with * for any text; empty for all')
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto prefers compressed images',
-        choices=tuple(TRANSPORTS))
+        choices=tuple(name for name in TRANSPORTS if name != 'video'))
     viewers: int = parameter(
         32, 'Maximum number of open pages and streams', bounds=(1, 1000))
     allowed_hosts: str = parameter(

@@ -37,6 +37,7 @@ from opencv_tools.topics.frame_topics import FrameTopics, Lend
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.fastdds.profile import FastDdsSetup
 from opencv_tools.transport.shared_frames.writer import Slot
+from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
@@ -56,7 +57,7 @@ class ImageTopics:
 
     def __init__(
         self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
-        subscribers: int,
+        subscribers: int, video: VideoSettings,
     ) -> None:
         """
         Create the publishers.
@@ -65,13 +66,14 @@ class ImageTopics:
         :param calibration: calibration of the camera.
         :param fastdds: result of the configuration of Fast DDS.
         :param subscribers: number of subscribers to wait for before the first frame.
+        :param video: settings of the video topics.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
         self.calibration = calibration
         self._fastdds = fastdds
         self._log = Log(node.get_logger())
         self._largest = 0  # bytes of the largest frame so far
-        self._topics = FrameTopics(node, topic)
+        self._topics = FrameTopics(node, topic, video)
         self.images = self._topics.images
         self._infos = create_frame_publisher(
             node, CameraInfo, f'{self._topics.name.rpartition("/")[0]}/camera_info')
@@ -135,11 +137,23 @@ class ImageTopics:
             is_published = True
         if failure:
             raise failure
-        return is_published
+        return self._publish_video(output, header) or is_published
+
+    def use_video(self, settings: VideoSettings) -> None:
+        """Encode video with other settings from the next frame on."""
+        if self._topics.video:
+            self._topics.video.settings = settings
 
     def close(self) -> None:
         """Stop sharing frames."""
         self._topics.shared.destroy()
+
+    def _publish_video(self, output: OutputImage, header: WireHeader) -> bool:
+        video = self._topics.video
+        used = video.publish(lambda: (output.image, output.encoding), header) if video else []
+        for publisher in used:
+            self.backlog.add(publisher)
+        return bool(used)
 
     def _camera_info(self, output: OutputImage, header: Header) -> CameraInfo:
         """Return the calibration of the bag that a frame comes from, else that of the camera."""
@@ -166,7 +180,9 @@ class ImageTopics:
                 self._log.warning(size_warning)
 
     def _publishers(self) -> tuple[Publisher, ...]:
-        return self.images, self._topics.compressed, self._infos
+        video = self._topics.video
+        return (self.images, self._topics.compressed, self._infos,
+                *(video.publishers.values() if video else ()))
 
 
 def _wire_image(

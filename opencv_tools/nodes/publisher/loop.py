@@ -148,6 +148,7 @@ class PublishLoop:
         self.settings = replace(self.settings, **changes)
         self._grabber.playback = self.settings.playback()
         self._grabber.reconnect = self.settings.reconnect_policy()
+        self._topics.use_video(self.settings.video())
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
         elif _CAMERA_PARAMETERS & changes.keys():

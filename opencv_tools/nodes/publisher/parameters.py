@@ -40,6 +40,7 @@ from opencv_tools.nodes.publisher.stamps import STAMPS
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_patterns import check_patterns
+from opencv_tools.video.settings import VideoSettings
 from rclpy.logging import get_logger
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -103,6 +104,21 @@ class PublisherSettings(NodeSettings):
     jpeg_quality: int = parameter(
         95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to 100 (best)',
         bounds=(1, 100), changeable=True)
+    video_codec: str = parameter(
+        'h264', 'Codec of the video topics: h264, h265, av1, or an encoder of FFmpeg such as '
+        'h264_nvenc', check=lambda text: VideoSettings(codec=text), changeable=True)
+    video_quality: int = parameter(
+        23, 'Quality of the video (CRF), from 1 (best) to 51 (smallest)', bounds=(1, 51),
+        changeable=True)
+    video_bit_rate: int = parameter(
+        0, 'Largest number of bits per second of the video; 0 for a constant quality',
+        check=lambda bits: VideoSettings(bit_rate=bits), changeable=True)
+    video_key_interval: float = parameter(
+        2.0, 'Seconds between two key frames of the video', bounds=(0.1, 3600.0),
+        changeable=True)
+    video_preset: str = parameter(
+        '', 'Preset of the encoder of the video; empty for a fast one',
+        check=lambda text: VideoSettings(preset=text), changeable=True)
     stamp: str = parameter(
         'capture', 'Event whose time is the stamp of a frame; original keeps the stamp and the '
         'frame_id of a bag, capture shifts the stamps of a bag by one amount to now',
@@ -210,6 +226,12 @@ class PublisherSettings(NodeSettings):
     def output(self) -> OutputSettings:
         """Return the settings of the published images."""
         return OutputSettings(self.encoding, self.flip, self.rotate, self.jpeg_quality)
+
+    def video(self) -> VideoSettings:
+        """Return the settings of the video topics."""
+        return VideoSettings(
+            codec=self.video_codec, quality=self.video_quality, bit_rate=self.video_bit_rate,
+            key_interval=self.video_key_interval, preset=self.video_preset)
 
     def camera_request(self, controls: tuple[tuple[str, int], ...] = ()) -> CameraRequest:
         """
