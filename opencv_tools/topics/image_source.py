@@ -134,10 +134,10 @@ class ImageSource:
             publisher = bytes(info.publisher) if info else b''
             self._before_message(publisher)
             if self._video and isinstance(message, WireVideo):
-                image = self._video.decode(message, publisher, info.number if info else 0)
-                if image is None:  # which counts as lost
+                decoded = self._video.decode(message, publisher, info.number if info else 0)
+                if decoded is None:  # which counts as lost
                     continue
-                message = image
+                message = decoded
             frame: QueuedFrame = message if isinstance(message, CdrError) else ReceivedMessage(
                 message, received_ns or time.time_ns(), *(
                     (info.source_timestamp, info.number) if info else ()))

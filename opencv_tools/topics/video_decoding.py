@@ -55,23 +55,25 @@ class VideoDecoding:
         self._max_pixels = max_pixels
         self._streams: dict[bytes, _Stream] = {}
 
-    def decode(self, message: WireVideo, publisher: bytes, number: int) -> WireImage | None:
+    def decode(
+        self, message: WireVideo, publisher: bytes, number: int,
+    ) -> WireImage | CdrError | None:
         """
         Decode a message.
 
         :param message: the message.
         :param publisher: identifier of its publisher.
         :param number: number that the publisher gave it; 0 if unknown.
-        :returns: the image; None if the message needs earlier ones that are missing.
-        :raises CdrError: the video cannot be decoded.
+        :returns: the image, or the error of video that cannot be decoded; None if the message
+            needs earlier ones that are missing.
         """
-        stream = self._stream(message.codec, publisher, number)
         try:
+            stream = self._stream(message.codec, publisher, number)
             image = stream.decoder.decode(bytes(message.data), message.size)
         except KeyFrameNeeded:
             return None
         except ImageError as err:
-            raise CdrError(str(err)) from err
+            return CdrError(str(err))
         return array_to_wire(image, _BGR, message.header)
 
     def _stream(self, codec: str, publisher: bytes, number: int) -> _Stream:

@@ -57,7 +57,7 @@ class ImageTopics:
 
     def __init__(
         self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
-        subscribers: int, video: VideoSettings,
+        subscribers: int, video: VideoSettings | None = None,
     ) -> None:
         """
         Create the publishers.
@@ -66,7 +66,7 @@ class ImageTopics:
         :param calibration: calibration of the camera.
         :param fastdds: result of the configuration of Fast DDS.
         :param subscribers: number of subscribers to wait for before the first frame.
-        :param video: settings of the video topics.
+        :param video: settings of the video topics; None for no such topics.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
         self.calibration = calibration

@@ -40,7 +40,7 @@ from opencv_tools.nodes.publisher.stamps import STAMPS
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_patterns import check_patterns
-from opencv_tools.video.settings import VideoSettings
+from opencv_tools.video.settings import check_codec, check_preset, VideoSettings
 from rclpy.logging import get_logger
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -106,19 +106,19 @@ class PublisherSettings(NodeSettings):
         bounds=(1, 100), changeable=True)
     video_codec: str = parameter(
         'h264', 'Codec of the video topics: h264, h265, av1, or an encoder of FFmpeg such as '
-        'h264_nvenc', check=lambda text: VideoSettings(codec=text), changeable=True)
+        'h264_nvenc', check=check_codec, changeable=True)
     video_quality: int = parameter(
         23, 'Quality of the video (CRF), from 1 (best) to 51 (smallest)', bounds=(1, 51),
         changeable=True)
     video_bit_rate: int = parameter(
         0, 'Largest number of bits per second of the video; 0 for a constant quality',
-        check=lambda bits: VideoSettings(bit_rate=bits), changeable=True)
+        bounds=(0, 10**9), changeable=True)
     video_key_interval: float = parameter(
         2.0, 'Seconds between two key frames of the video', bounds=(0.1, 3600.0),
         changeable=True)
     video_preset: str = parameter(
         '', 'Preset of the encoder of the video; empty for a fast one',
-        check=lambda text: VideoSettings(preset=text), changeable=True)
+        check=check_preset, changeable=True)
     stamp: str = parameter(
         'capture', 'Event whose time is the stamp of a frame; original keeps the stamp and the '
         'frame_id of a bag, capture shifts the stamps of a bag by one amount to now',
