@@ -17,13 +17,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CdrError, ImageError, KeyFrameNeeded
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.messages import WireVideo
+
+if TYPE_CHECKING:
+    from opencv_tools.video.decoder import VideoDecoder
 
 _BGR = find_encoding('bgr8')
 _MAX_PUBLISHERS = 4  # with a decoder of their own
@@ -78,6 +81,8 @@ class VideoDecoding:
 
     def _stream(self, codec: str, publisher: bytes, number: int) -> _Stream:
         """Return the stream of a publisher, a new one if messages are missing before this one."""
+        # It needs OpenCV, which subscriptions without video do not need.
+        from opencv_tools.video.decoder import VideoDecoder
         stream = self._streams.pop(publisher, None)
         if stream is None or stream.codec != codec or (number and number != stream.number + 1):
             stream = _Stream(VideoDecoder(codec, self._max_pixels), codec, number)

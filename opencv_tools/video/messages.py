@@ -120,7 +120,8 @@ def video_to_cdr(type_name: str, header: WireHeader, packet: VideoPacket, number
     """
     stamp = {'sec': header.sec, 'nanosec': header.nanosec}
     if type_name == COMPRESSED_VIDEO:
-        values = {'timestamp': stamp, 'frame_id': header.frame_id, 'format': packet.codec}
+        values: dict[str, Any] = {
+            'timestamp': stamp, 'frame_id': header.frame_id, 'format': packet.codec}
     else:
         values = {
             'header': {'stamp': stamp, 'frame_id': header.frame_id}, 'width': packet.width,

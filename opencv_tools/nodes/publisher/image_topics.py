@@ -142,7 +142,7 @@ class ImageTopics:
     def use_video(self, settings: VideoSettings) -> None:
         """Encode video with other settings from the next frame on."""
         if self._topics.video:
-            self._topics.video.settings = settings
+            self._topics.video.stream.settings = settings
 
     def close(self) -> None:
         """Stop sharing frames."""

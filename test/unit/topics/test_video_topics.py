@@ -180,7 +180,7 @@ def test_changed_settings_begin_with_a_key_frame(node: Node) -> None:
     sender = Sender(node)
     receiver = Receiver(node, FFMPEG_PACKET)
     sender.send_until(lambda: len(receiver.messages) > 3)
-    sender.topics.settings = VideoSettings(codec='h265')
+    sender.topics.stream.settings = VideoSettings(codec='h265')
     sender.send_until(lambda: receiver.messages[-1].encoding == 'h265')
     decoding = VideoDecoding(1 << 20)
     first = next(one for one in receiver.messages if one.encoding == 'h265')
@@ -242,7 +242,7 @@ def test_damaged_video_is_counted_and_the_next_is_received(
     bad = VideoPacket(codec='h264', data=content, is_key=True, width=48, height=32)
     sender.topics.publishers[FFMPEG_PACKET].publish(
         video_to_cdr(FFMPEG_PACKET, WireHeader(0, 0, 'bad'), bad, 1))
-    sender.topics.settings = VideoSettings(quality=20)  # its first frame is a key frame
+    sender.topics.stream.settings = VideoSettings(quality=20)  # its first frame is a key frame
     count = len(frames)
     sender.send_until(lambda: len(frames) > count + 3)
     assert 'bad' not in {frame.frame_id for frame in frames}
