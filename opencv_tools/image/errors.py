@@ -23,9 +23,11 @@ The errors of images.
     ├─ ConversionError          a conversion between two encodings is not supported
     ├─ CdrError                 bytes are not a message, or a message cannot be serialised
     │  └─ EncapsulationError    a message has another encapsulation than plain CDR
-    └─ CodecError               an image file cannot be encoded or decoded
-       ├─ SizeError             the size of an image file is unknown or too large
-       └─ JpegError             a JPEG is incomplete or damaged
+    ├─ CodecError               an image file cannot be encoded or decoded
+    │  ├─ SizeError             the size of an image file is unknown or too large
+    │  └─ JpegError             a JPEG is incomplete or damaged
+    └─ VideoError               video cannot be encoded, decoded or read
+       └─ KeyFrameNeeded        a packet needs earlier packets that are missing
 """
 
 from __future__ import annotations
@@ -65,3 +67,11 @@ class SizeError(CodecError):
 
 class JpegError(CodecError):
     """A JPEG is incomplete or damaged."""
+
+
+class VideoError(ImageError):
+    """Video cannot be encoded, decoded or read, or this machine has no encoder for it."""
+
+
+class KeyFrameNeeded(VideoError):
+    """A packet needs earlier packets that are missing. Decoding continues at a key frame."""

@@ -21,12 +21,13 @@ The errors of recordings.
     LimitReached         a recording has reached its limits
     ImageError           see opencv_tools.image.errors
     ├─ UnwritableError   a file format cannot hold a frame
-    └─ VideoError        a frame cannot be encoded as video, or this machine has no encoder
+    └─ VideoError        the error of opencv_tools.image.errors, which is importable here too
 """
 
 from __future__ import annotations
 
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import VideoError as VideoError
 
 
 class RecordingError(Exception):
@@ -39,10 +40,6 @@ class LimitReached(Exception):
 
 class UnwritableError(ImageError):
     """A file format cannot hold a frame; the message names one that can."""
-
-
-class VideoError(ImageError):
-    """A frame cannot be encoded as video, or this machine has no encoder."""
 
 
 def error_text(err: Exception) -> str:
