@@ -1,0 +1,271 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Key frames, parameter sets and sizes of video packets, without decoding."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+import struct
+
+from opencv_tools.image.errors import VideoError
+from opencv_tools.image.text import printable
+from opencv_tools.video.bit_stream import (
+    BitReader, nal_units, obu, obus, START_CODE, unescaped)
+from opencv_tools.video.packet import CODECS
+from opencv_tools.video.sequence_header import (
+    av1_header, h264_header, h265_header, SequenceHeader)
+
+_SLICE_HEADER = 32  # bytes that contain the number of a picture
+
+# Types of OBUs.
+_SEQUENCE_HEADER = 1
+#: Types of OBUs that begin a frame.
+AV1_FRAMES = frozenset((3, 6))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _NalTypes:
+    """The types of NAL units of a codec."""
+
+    shift: int  # of the type in the first byte
+    mask: int
+    sets: frozenset[int]  # parameter sets that a key frame needs
+    sps: int
+    keys: frozenset[int]  # slices of pictures at which decoding can begin
+    slices: frozenset[int]
+    read: Callable[[bytes], SequenceHeader]
+
+    def of(self, unit: bytes) -> int:
+        """Return the type of a NAL unit."""
+        return unit[0] >> self.shift & self.mask
+
+
+_NAL_TYPES = {
+    'h264': _NalTypes(shift=0, mask=31, sets=frozenset((7, 8)), sps=7, keys=frozenset((5,)),
+                      slices=frozenset(range(1, 6)), read=h264_header),
+    'h265': _NalTypes(shift=1, mask=63, sets=frozenset((32, 33, 34)), sps=33,
+                      keys=frozenset(range(16, 22)), slices=frozenset(range(32)),
+                      read=h265_header),
+}
+
+
+def check_codec(codec: str) -> None:
+    """
+    Check the codec of a packet.
+
+    :raises VideoError: the codec is unknown.
+    """
+    if codec not in CODECS:
+        raise VideoError(f"codec '{printable(codec, 80)}' is unknown: give one of "
+                         f'{", ".join(CODECS)}')
+
+
+def is_key_frame(codec: str, data: bytes) -> bool:
+    """
+    Return whether decoding can begin with a packet.
+
+    :param codec: one of ``CODECS``.
+    :param data: content of the packet.
+    :raises VideoError: the packet is damaged.
+    """
+    check_codec(codec)
+    if codec != 'av1':
+        types = _NAL_TYPES[codec]
+        return any(types.of(unit) in types.keys for unit in _leading_units(types, data))
+    is_still = False
+    for kind, payload in obus(data):
+        if kind == _SEQUENCE_HEADER:
+            is_still = av1_header(payload).is_still
+        elif kind in AV1_FRAMES:
+            # show_existing_frame, and frame_type, which is 0 for a key frame
+            return is_still or BitReader(payload).bits(3) == 0
+    return False
+
+
+def picture_size(codec: str, data: bytes) -> tuple[int, int] | None:
+    """
+    Return the width and height of the picture in pixels, after cropping.
+
+    :param codec: one of ``CODECS``.
+    :param data: content of the packet.
+    :returns: the largest ones, if the packet contains several sizes; None if it contains none.
+    :raises VideoError: the packet is damaged.
+    """
+    headers = [*sequence_headers(codec, data)]
+    if not headers:
+        return None
+    return max(header.width for header in headers), max(header.height for header in headers)
+
+
+def webcodecs_name(codec: str, data: bytes) -> str | None:
+    """
+    Return the codec string of WebCodecs, such as ``'avc1.42C01F'``.
+
+    :param codec: one of ``CODECS``.
+    :param data: content of the packet.
+    :returns: the string, or None if the packet has no SPS or sequence header.
+    :raises VideoError: the packet is damaged.
+    """
+    return next((header.webcodecs_name for header in sequence_headers(codec, data)), None)
+
+
+def sequence_headers(codec: str, data: bytes) -> Iterator[SequenceHeader]:
+    """
+    Yield what each SPS or sequence header of a packet contains.
+
+    :param codec: one of ``CODECS``.
+    :param data: content of the packet.
+    :raises VideoError: the packet is damaged.
+    """
+    check_codec(codec)
+    if codec == 'av1':
+        for kind, payload in obus(data):
+            if kind == _SEQUENCE_HEADER:
+                yield av1_header(payload)
+        return
+    types = _NAL_TYPES[codec]
+    for unit in _leading_units(types, data):
+        if types.of(unit) == types.sps:
+            yield types.read(unit)
+
+
+def h264_frame_number(data: bytes, bits: int) -> tuple[int, bool] | None:
+    """
+    Return frame_num of a picture of H.264, and whether other pictures refer to this one.
+
+    :param data: content of the packet.
+    :param bits: ``frame_number_bits`` of the header of the sequence.
+    :returns: None if the packet has no slice.
+    :raises VideoError: the packet is damaged.
+    """
+    types = _NAL_TYPES['h264']
+    for unit in _leading_units(types, data):
+        if types.of(unit) in types.slices:
+            reader = BitReader(unescaped(unit[:_SLICE_HEADER])[1:])
+            reader.unsigned(), reader.unsigned(), reader.unsigned()
+            return reader.bits(bits), bool(unit[0] & 0x60)
+    return None
+
+
+def has_parameter_sets(codec: str, data: bytes) -> bool:
+    """
+    Return whether a packet has all parameter sets, so that a decoder can begin with it.
+
+    :raises VideoError: the packet is damaged.
+    """
+    check_codec(codec)
+    if codec == 'av1':
+        return any(kind == _SEQUENCE_HEADER for kind, _ in obus(data))
+    types = _NAL_TYPES[codec]
+    return types.sets <= {types.of(unit) for unit in _leading_units(types, data)}
+
+
+def parameter_sets(codec: str, data: bytes) -> bytes:
+    """
+    Return the VPS, SPS and PPS of a packet with start codes, or its sequence header OBU.
+
+    :param codec: one of ``CODECS``.
+    :param data: content of the packet.
+    :returns: the parameter sets; b'' if the packet has none.
+    :raises VideoError: the packet is damaged.
+    """
+    check_codec(codec)
+    if codec == 'av1':
+        return b''.join(
+            obu(kind, payload) for kind, payload in obus(data) if kind == _SEQUENCE_HEADER)
+    types = _NAL_TYPES[codec]
+    return b''.join(START_CODE + unit for unit in _leading_units(types, data)
+                    if types.of(unit) in types.sets)
+
+
+def _leading_units(types: _NalTypes, data: bytes) -> Iterator[bytes]:
+    """Yield the NAL units up to the first slice. Parameter sets are before it."""
+    for unit in nal_units(data):
+        yield unit
+        if types.of(unit) in types.slices:
+            return
+
+
+def length_prefixed_to_annexb(data: bytes, length_size: int) -> bytes:
+    """
+    Convert a packet of MP4 or Matroska to an Annex B byte stream.
+
+    :param data: NAL units, each after its length.
+    :param length_size: bytes of a length, as ``read_extradata`` returns it.
+    :raises VideoError: the packet is damaged.
+    """
+    parts: list[bytes] = []
+    position = 0
+    if not 1 <= length_size <= 4:
+        raise VideoError(f'NAL units have lengths of {length_size} bytes: give 1 to 4')
+    while position < len(data):
+        begin = position + length_size
+        position = begin + int.from_bytes(data[position:begin], 'big')
+        if position > len(data) or begin > len(data):
+            raise VideoError(f'a NAL unit ends at byte {position} of {len(data)}: the packet is '
+                             'damaged')
+        parts += START_CODE, data[begin:position]
+    return b''.join(parts)
+
+
+def read_extradata(codec: str, extradata: bytes) -> tuple[bytes, int]:
+    """
+    Read the parameter sets of a stream in a container: avcC, hvcC, av1C or Annex B.
+
+    :param codec: one of ``CODECS``.
+    :param extradata: codec data of the stream.
+    :returns: the parameter sets as ``parameter_sets`` returns them, and the bytes of a length in
+        the packets of the stream; 0 if the packets have no lengths.
+    :raises VideoError: the codec data are damaged.
+    """
+    check_codec(codec)
+    if codec == 'av1':
+        return parameter_sets(codec, extradata[4:] if extradata[:1] == b'\x81' else extradata), 0
+    if extradata[:1] != b'\1':
+        return parameter_sets(codec, extradata), 0
+    try:
+        units, size = _avcc(extradata) if codec == 'h264' else _hvcc(extradata)
+    except (IndexError, struct.error) as err:
+        raise VideoError(f'{len(extradata)} bytes of codec data for {codec} are damaged') from err
+    return b''.join(START_CODE + unit for unit in units), size
+
+
+def _avcc(data: bytes) -> tuple[list[bytes], int]:
+    sps, position = _prefixed(data, 6, data[5] & 31)
+    pps, _ = _prefixed(data, position + 1, data[position])
+    return sps + pps, (data[4] & 3) + 1
+
+
+def _hvcc(data: bytes) -> tuple[list[bytes], int]:
+    units, position = [], 23
+    for _ in range(data[22]):
+        count = struct.unpack_from('>H', data, position + 1)[0]
+        more, position = _prefixed(data, position + 3, count)
+        units += [unit for unit in more if _NAL_TYPES['h265'].of(unit) in
+                  _NAL_TYPES['h265'].sets]
+    return units, (data[21] & 3) + 1
+
+
+def _prefixed(data: bytes, position: int, count: int) -> tuple[list[bytes], int]:
+    """Return units after their lengths of two bytes, and the offset after them."""
+    units = []
+    for _ in range(count):
+        begin = position + 2
+        position = begin + struct.unpack_from('>H', data, position)[0]
+        if position > len(data):
+            raise IndexError('a unit that is longer than the rest')
+        units.append(data[begin:position])
+    return units, position
