@@ -1,0 +1,185 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Settings of a video encoder, and the options of FFmpeg for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+import os
+import re
+from typing import Any
+
+from opencv_tools.image.errors import VideoError
+from opencv_tools.image.text import printable
+from opencv_tools.remedies import installation
+from opencv_tools.video.packet import CODECS
+
+# PyAV is imported in functions, because it is optional and its import is slow.
+
+_ENCODERS = {'h264': 'libx264', 'h265': 'libx265', 'av1': 'libsvtav1'}
+_NAME = re.compile('[a-z0-9][a-z0-9_-]{0,39}')
+_PRESET = re.compile('[a-z0-9]{0,20}')
+# Presets of libraries that write to standard error about others.
+_X26X_PRESETS = ('ultrafast', 'superfast', 'veryfast', 'faster', 'fast', 'medium', 'slow',
+                 'slower', 'veryslow')
+_PRESETS = {'libx264': _X26X_PRESETS, 'libx265': _X26X_PRESETS,
+            'libsvtav1': tuple(map(str, range(14)))}
+_MAX_QUALITY = {'av1': 63, 'libsvtav1': 63}
+_BIT_RATES = (10_000, 1_000_000_000)
+_MAX_KEY_INTERVAL = 3600.0
+_BITS_A_PIXEL = 0.1  # of encoders without a constant quality
+_ONE_THREAD_PIXELS = 1280 * 720  # up to this size more threads only cost more
+
+# The sender selects key frames by time. The colours are those of opencv_tools.video.pixels.
+_OPTIONS = {'g': '1000000', 'bf': '0', 'sc_threshold': '0', 'color_range': 'tv',
+            **dict.fromkeys(('colorspace', 'color_primaries', 'color_trc'), 'smpte170m')}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Family:
+    """The options of an encoder of FFmpeg, or of those whose names have an end in common."""
+
+    end: str  # of the names
+    preset: str = ''
+    quality: str = ''  # option of the constant quality
+    parameters: str = ''  # option with the parameters of the library
+    always: dict[str, str]
+
+
+_FAMILIES = (
+    _Family(end='libx264', preset='superfast', quality='crf',
+            always={'tune': 'zerolatency', 'forced-idr': '1'}),
+    _Family(end='libx265', preset='superfast', quality='crf', parameters='x265-params', always={
+        'tune': 'zerolatency', 'forced-idr': '1',
+        'x265-params': 'log-level=none:info=0:scenecut=0:open-gop=0:repeat-headers=1:pools='}),
+    _Family(end='libsvtav1', preset='12', quality='crf', parameters='svtav1-params', always={
+        'svtav1-params': 'pred-struct=1:rtc=1:scd=0:lp='}),
+    _Family(end='_nvenc', preset='p3', quality='cq', always={
+        'tune': 'ull', 'zerolatency': '1', 'delay': '0', 'forced-idr': '1', 'rc': 'vbr'}),
+    _Family(end='_qsv', preset='veryfast', quality='global_quality', always={
+        'async_depth': '1', 'forced_idr': '1'}),
+    _Family(end='', always={}),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoSettings:
+    """
+    Settings of a video encoder.
+
+    :param codec: ``'h264'``, ``'h265'``, ``'av1'``, or an encoder of FFmpeg for one of them, such
+        as ``'h264_nvenc'``.
+    :param quality: constant quality from 0 (best) to 51, of AV1 to 63. 35 of AV1 is about 23 of
+        H.264.
+    :param bit_rate: largest bit rate in bits per second; 0 for a constant quality.
+    :param key_interval: longest time between two key frames in seconds.
+    :param preset: preset of the encoder; '' for a fast one.
+    :raises VideoError: a value is invalid.
+    """
+
+    codec: str = 'h264'
+    quality: int = 23
+    bit_rate: int = 0
+    key_interval: float = 2.0
+    preset: str = ''
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        largest = _MAX_QUALITY.get(self.codec, 51)
+        low, high = _BIT_RATES
+        presets = _PRESETS.get(self.encoder_name, ())
+        for name, is_valid, remedy in (
+            ('codec', _NAME.fullmatch(self.codec),
+             f'give one of {", ".join(CODECS)}, or an encoder of FFmpeg such as h264_nvenc'),
+            ('quality', 0 <= self.quality <= largest, f'give 0 (best) to {largest}'),
+            ('bit_rate', self.bit_rate == 0 or low <= self.bit_rate <= high,
+             f'give {low} to {high} bits per second, or 0 for a constant quality'),
+            ('key_interval', math.isfinite(self.key_interval)
+             and 0 < self.key_interval <= _MAX_KEY_INTERVAL,
+             f'give seconds above 0, up to {_MAX_KEY_INTERVAL:g}'),
+            ('preset', _PRESET.fullmatch(self.preset) and (
+                not presets or self.preset in ('', *presets)),
+             f'give {" or ".join(presets) or "one of the encoder"}, or nothing for a fast one'),
+        ):
+            if not is_valid:
+                raise VideoError(f'{name} is {printable(repr(getattr(self, name)), 80)}: {remedy}')
+
+    @property
+    def encoder_name(self) -> str:
+        """Name of the encoder in FFmpeg."""
+        return _ENCODERS.get(self.codec, self.codec)
+
+
+def find_encoder(settings: VideoSettings) -> tuple[str, Any]:
+    """
+    Find the encoder of FFmpeg.
+
+    :returns: one of ``CODECS``, and the ``av.Codec``.
+    :raises VideoError: PyAV or the encoder is missing; the message includes the remedy.
+    """
+    codec_class, name = import_av().Codec, settings.encoder_name
+    try:
+        encoder = codec_class(name, 'w')
+    except ValueError as err:
+        raise VideoError(f"codec '{settings.codec}': the installed PyAV has no encoder '{name}'; "
+                         f'give one of {", ".join(CODECS)}, or '
+                         f'{installation("--upgrade av")}') from err
+    for codec, decoder in zip(CODECS, ('h264', 'hevc', 'av1')):
+        if codec_class(decoder, 'r').id == encoder.id:
+            return codec, encoder
+    raise VideoError(f"codec '{settings.codec}' is an encoder for other videos: give one for "
+                     f'{", ".join(CODECS)}')
+
+
+def encoder_options(settings: VideoSettings, width: int, height: int, rate: float,
+                    ) -> dict[str, str]:
+    """
+    Return the options of FFmpeg for an encoder without delay.
+
+    :param settings: settings of the encoder.
+    :param width: width of the picture in pixels.
+    :param height: height of the picture in pixels.
+    :param rate: frames per second.
+    """
+    family = next(row for row in _FAMILIES if settings.encoder_name.endswith(row.end))
+    threads = min(4, os.cpu_count() or 1) if width * height > _ONE_THREAD_PIXELS else 1
+    options = {**_OPTIONS, **family.always, 'threads': str(threads)}
+    if family.parameters:
+        options[family.parameters] += str(threads)
+    if settings.preset or family.preset:
+        options['preset'] = settings.preset or family.preset
+    if family.quality and not settings.bit_rate:
+        return {**options, family.quality: str(settings.quality), 'b': '0'}
+    bits = str(settings.bit_rate or max(_BIT_RATES[0], int(
+        _BITS_A_PIXEL * width * height * rate)))
+    if family.end == 'libsvtav1':
+        options[family.parameters] += ':rc=2'  # its low delay has no other limit
+        return {**options, 'b': bits}
+    return {**options, 'b': bits, 'maxrate': bits, 'bufsize': bits}
+
+
+def import_av() -> Any:
+    """
+    Import PyAV.
+
+    :raises VideoError: PyAV cannot be imported; the message includes the remedy.
+    """
+    try:
+        import av
+    except ImportError as err:
+        raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
+                         f'{installation("av", "python3-av")}') from err
+    return av
