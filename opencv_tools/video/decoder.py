@@ -78,7 +78,7 @@ class VideoDecoder:
             self._check_sizes(data)
             self._check_number(data, is_key)
             data = self._with_sets(data) if is_key else data
-            image = _cropped(to_bgr(self._decode(data)), size)
+            image = _cropped(self._decode(data), size)
         except VideoError:
             self._needs_key = True
             raise
@@ -135,13 +135,15 @@ class VideoDecoder:
         if is_reference:
             self._frame_number = number
 
-    def _decode(self, data: bytes) -> Any:
+    def _decode(self, data: bytes) -> NDArray[np.uint8]:
         av = self._av
         packet = av.Packet(data)
         self._number += 1
         packet.pts = self._number
         try:
             frames = self._context.decode(packet)
+            # FFmpeg also refuses to convert frames with invalid colours.
+            images = [to_bgr(frame) for frame in frames[:1]]
         except (av.error.FFmpegError, ValueError) as err:
             raise VideoError(f'{len(data)} bytes of {self._codec} cannot be decoded: '
                              f'{printable(err)}') from err
@@ -150,7 +152,7 @@ class VideoDecoder:
                              'damaged, or the encoder reorders pictures (B frames)')
         if frames[0].is_corrupt:
             raise VideoError(f'{len(data)} bytes of {self._codec} are damaged')
-        return frames[0]
+        return images[0]
 
 
 def _cropped(image: NDArray[np.uint8], size: tuple[int, int] | None) -> NDArray[np.uint8]:

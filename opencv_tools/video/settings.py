@@ -64,7 +64,8 @@ _FAMILIES = (
             always={'tune': 'zerolatency', 'forced-idr': '1'}),
     _Family(end='libx265', preset='superfast', quality='crf', parameters='x265-params', always={
         'tune': 'zerolatency', 'forced-idr': '1',
-        'x265-params': 'log-level=none:info=0:scenecut=0:open-gop=0:repeat-headers=1:pools='}),
+        'x265-params': 'log-level=none:info=0:scenecut=0:open-gop=0:repeat-headers=1:'
+                       'frame-threads=1:pools='}),
     _Family(end='libsvtav1', preset='12', quality='crf', parameters='svtav1-params', always={
         'svtav1-params': 'pred-struct=1:rtc=1:scd=0:lp='}),
     _Family(end='_nvenc', preset='p3', quality='cq', always={

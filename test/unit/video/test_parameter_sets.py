@@ -32,7 +32,7 @@ from opencv_tools.video.parameter_sets import (
     parameter_sets, picture_size, read_extradata, sequence_headers, webcodecs_name)
 from opencv_tools.video.settings import VideoSettings
 import pytest
-from video_packets import DECODERS, encoded, every_codec, has_encoder, packets
+from video_packets import DECODERS, encoded, every_codec, has_encoder, HERE, packets
 
 SIZES = [(16, 16), (18, 34), (64, 48), (66, 50), (126, 98), (320, 240), (322, 242), (640, 360),
          (854, 480), (1280, 720), (1920, 1080), (4096, 64), (64, 4096), (1022, 66)]
@@ -43,8 +43,8 @@ KNOWN = [
     ('libx264', {'profile': 'high', 'level': '5.1'}, 'yuv420p', 'avc1.640033'),
     ('libx264', {'profile': 'high10', 'level': '1.1'}, 'yuv420p10le', 'avc1.6E000B'),
     ('libx265', {'x265-params': 'log-level=none:level-idc=3.1'}, 'yuv420p', 'hev1.1.6.L93.90'),
-    ('libx265', {'x265-params': 'log-level=none:level-idc=5.1:high-tier=1', 'profile': 'main10'},
-     'yuv420p10le', 'hev1.2.4.H153.90'),
+    ('libx265', {'x265-params': 'log-level=none:level-idc=5.1:high-tier=0', 'profile': 'main10'},
+     'yuv420p10le', 'hev1.2.4.L153.90'),
     ('libsvtav1', {}, 'yuv420p', 'av01.0.00M.08'),
     ('libsvtav1', {}, 'yuv420p10le', 'av01.0.00M.10'),
 ]
@@ -102,6 +102,13 @@ def test_known_webcodecs_names(
     sets, _ = read_extradata(codec, file.read_bytes() if is_h265 else extradata)
     assert webcodecs_name(codec, sets) == name
     assert is_h265 or f'codecs="{name}"'.lower() in file.read_text().lower()
+
+
+@pytest.mark.skipif('h265' not in HERE, reason='this PyAV has no encoder for H.265')
+def test_webcodecs_name_of_the_high_tier() -> None:
+    sps = next(unit for unit in nal_units(packets('h265')[0].data) if unit[0] >> 1 == 33)
+    high = START_CODE + sps[:3] + bytes((sps[3] | 0x20,)) + sps[4:]
+    assert webcodecs_name('h265', high) == 'hev1.1.6.H60.90'
 
 
 @every_codec
