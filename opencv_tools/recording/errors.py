@@ -26,8 +26,9 @@ The errors of recordings.
 
 from __future__ import annotations
 
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image.errors import VideoError as VideoError
+from opencv_tools.image.errors import ImageError, VideoError
+
+__all__ = ['LimitReached', 'RecordingError', 'UnwritableError', 'VideoError', 'error_text']
 
 
 class RecordingError(Exception):

@@ -38,7 +38,7 @@ TRANSPORTS = {
 
 # What rmw allows, less the longest suffix that a topic gets here.
 _MAX_NAME = 247 - len('/compressed')
-_HOST = slice(2, 4)  # of the identifier of an endpoint of Fast DDS, see section 9.3.1.5 of DDSI-RTPS
+_HOST = slice(2, 4)  # of the identifier of an endpoint, as Fast DDS gives it
 # What rcl adds to its errors: the failed step, and the line of its source.
 _RCL_PLACE = re.compile(r'^failed to resolve name: |, at \S+:\d+$')
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')

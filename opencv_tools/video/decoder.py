@@ -25,7 +25,8 @@ from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.text import printable
 from opencv_tools.video.bit_stream import obus
 from opencv_tools.video.parameter_sets import (
-    AV1_FRAMES, check_codec, h264_frame_number, is_key_frame, sequence_headers)
+    AV1_FRAMES, check_codec, h264_frame_number, has_parameter_sets, is_key_frame, parameter_sets,
+    sequence_headers)
 from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import import_av
 
@@ -52,17 +53,9 @@ class VideoDecoder:
         self._codec, self._max_pixels = codec, max_pixels
         self._av = import_av()
         self._number = 0
-        self._needs_key, self._has_size = True, False
+        self._needs_key, self._sets = True, b''
         self._number_bits = self._frame_number = 0  # of H.264
-        try:
-            self._context = self._av.CodecContext.create(_DECODERS[codec], 'r')
-        except ValueError as err:
-            raise VideoError(f"codec '{codec}': the installed PyAV has no decoder "
-                             f"'{_DECODERS[codec]}'") from err
-        # With one thread FFmpeg finds more damages of H.264.
-        self._context.options = {
-            **_OPTIONS.get(codec, {}), 'flags': '+low_delay', 'threads': '1',
-            'max_pixels': str(2 * max_pixels + _BLOCK * 2 ** 16)}  # with the padding of a coder
+        self._context = self._open()
 
     def decode(self, data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
         """
@@ -84,30 +77,51 @@ class VideoDecoder:
                                      'missing: wait for a key frame')
             self._check_sizes(data)
             self._check_number(data, is_key)
-            image = _cropped(to_bgr(self._decode(data)), size)
+            data = self._with_sets(data) if is_key else data
+            image = _cropped(self._decode(data), size)
         except VideoError:
-            if not self._needs_key and self._context.is_open:
-                self._context.flush_buffers()
             self._needs_key = True
             raise
         self._needs_key = False
         return image
+
+    def _open(self) -> Any:
+        try:
+            context = self._av.CodecContext.create(_DECODERS[self._codec], 'r')
+        except ValueError as err:
+            raise VideoError(f"codec '{self._codec}': the installed PyAV has no decoder "
+                             f"'{_DECODERS[self._codec]}'") from err
+        # With one thread FFmpeg finds more damages of H.264.
+        context.options = {
+            **_OPTIONS.get(self._codec, {}), 'flags': '+low_delay', 'threads': '1',
+            'max_pixels': str(2 * self._max_pixels + _BLOCK * 2 ** 16)}  # with padding
+        return context
 
     def _check_sizes(self, data: bytes) -> None:
         frames = obus(data) if self._codec == 'av1' else ()
         if sum(kind in AV1_FRAMES for kind, _ in frames) > _MAX_FRAMES:
             raise VideoError(f'an av1 packet has more than {_MAX_FRAMES} frames')
         for header in sequence_headers(self._codec, data):
-            self._has_size, self._number_bits = True, header.frame_number_bits
+            self._number_bits = header.frame_number_bits
             padding = _BLOCK * (header.width + header.height) + _BLOCK ** 2
             try:
                 check_size(header.width, header.height, self._max_pixels)
                 check_size(header.coded_width, header.coded_height, self._max_pixels + padding)
             except SizeError as err:
                 raise VideoError(f'a {self._codec} packet is too large: {err}') from err
-        if not self._has_size:
+
+    def _with_sets(self, data: bytes) -> bytes:
+        """Return a key frame with parameter sets, for a new decoder after an error."""
+        if has_parameter_sets(self._codec, data):
+            self._sets = parameter_sets(self._codec, data)
+        elif not self._sets:
             raise KeyFrameNeeded(f'a {self._codec} key frame has no parameter sets: wait for one '
                                  'that has them')
+        else:
+            data = self._sets + data
+        if self._needs_key:
+            self._context = self._open()  # without the state that damaged packets have left
+        return data
 
     def _check_number(self, data: bytes, is_key: bool) -> None:
         """Check that no picture is missing, for which FFmpeg would show another one."""
@@ -121,13 +135,15 @@ class VideoDecoder:
         if is_reference:
             self._frame_number = number
 
-    def _decode(self, data: bytes) -> Any:
+    def _decode(self, data: bytes) -> NDArray[np.uint8]:
         av = self._av
         packet = av.Packet(data)
         self._number += 1
         packet.pts = self._number
         try:
             frames = self._context.decode(packet)
+            # FFmpeg also refuses to convert frames with invalid colours.
+            images = [to_bgr(frame) for frame in frames[:1]]
         except (av.error.FFmpegError, ValueError) as err:
             raise VideoError(f'{len(data)} bytes of {self._codec} cannot be decoded: '
                              f'{printable(err)}') from err
@@ -136,7 +152,7 @@ class VideoDecoder:
                              'damaged, or the encoder reorders pictures (B frames)')
         if frames[0].is_corrupt:
             raise VideoError(f'{len(data)} bytes of {self._codec} are damaged')
-        return frames[0]
+        return images[0]
 
 
 def _cropped(image: NDArray[np.uint8], size: tuple[int, int] | None) -> NDArray[np.uint8]:

@@ -58,6 +58,10 @@ def to_i420(image: NDArray[Any], encoding_name: str) -> NDArray[Any]:
         raise VideoError(f"'{printable(encoding_name, 80)}' has no video: convert it to mono8, "
                          'or to a colour encoding with 8 bits, such as bgr8')
     declared_encoding(image, encoding_name)
+    if not image.size:
+        raise VideoError(f'an empty image ({image.shape[1]}x{image.shape[0]}) has no video')
+    if encoding.channels == 1:
+        image = image.reshape(image.shape[:2])
     if encoding.kind in _CONVERTED:
         image, name = convert_image(image, encoding, find_encoding('bgr8')), 'bgr8'
     image = np.ascontiguousarray(image)
@@ -68,8 +72,7 @@ def to_i420(image: NDArray[Any], encoding_name: str) -> NDArray[Any]:
         return cv2.cvtColor(image, _TO_I420[name])
     height, width = image.shape[:2]
     planes = np.full((height + height // 2, width), 128, np.uint8)
-    gray = image.reshape(height, width)
-    cv2.convertScaleAbs(gray, dst=planes[:height], alpha=219 / 255, beta=16)
+    cv2.convertScaleAbs(image, dst=planes[:height], alpha=219 / 255, beta=16)
     return planes
 
 

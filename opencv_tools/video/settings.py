@@ -64,7 +64,8 @@ _FAMILIES = (
             always={'tune': 'zerolatency', 'forced-idr': '1'}),
     _Family(end='libx265', preset='superfast', quality='crf', parameters='x265-params', always={
         'tune': 'zerolatency', 'forced-idr': '1',
-        'x265-params': 'log-level=none:info=0:scenecut=0:open-gop=0:repeat-headers=1:pools='}),
+        'x265-params': 'log-level=none:info=0:scenecut=0:open-gop=0:repeat-headers=1:'
+                       'frame-threads=1:pools='}),
     _Family(end='libsvtav1', preset='12', quality='crf', parameters='svtav1-params', always={
         'svtav1-params': 'pred-struct=1:rtc=1:scd=0:lp='}),
     _Family(end='_nvenc', preset='p3', quality='cq', always={
@@ -185,22 +186,22 @@ def import_av() -> Any:
     return av
 
 
-def check_codec(text: str) -> None:
+def check_codec_name(text: str) -> None:
     """
-    Check the name of a codec or an encoder.
+    Check that a text may be the name of a codec or an encoder.
 
-    :raises ValueError: the name is invalid; the message is the remedy.
+    :raises ValueError: it cannot be; the message is the remedy.
     """
     if not _NAME.fullmatch(text):
         raise ValueError(f'give one of {", ".join(CODECS)}, or an encoder of FFmpeg such as '
                          'h264_nvenc')
 
 
-def check_preset(text: str) -> None:
+def check_preset_name(text: str) -> None:
     """
-    Check the name of a preset.
+    Check that a text may be the name of a preset.
 
-    :raises ValueError: the name is invalid; the message is the remedy.
+    :raises ValueError: it cannot be; the message is the remedy.
     """
     if not _PRESET.fullmatch(text):
-        raise ValueError("give one of the encoder, such as superfast, or ''")
+        raise ValueError("give one of the encoder, such as superfast, or '' for a fast one")

@@ -33,6 +33,9 @@ MODULES = sorted(
 PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs',
         'opencv_tools.message_types', 'opencv_tools.rate_limit', 'opencv_tools.regular_files',
         'opencv_tools.recording.naming', 'opencv_tools.robot',
+        'opencv_tools.video.bit_stream', 'opencv_tools.video.packet',
+        'opencv_tools.video.parameter_sets', 'opencv_tools.video.sequence_header',
+        'opencv_tools.video.settings',
         'opencv_tools.viewer.access', 'opencv_tools.viewer.errors',
         'opencv_tools.viewer.link_rate', 'opencv_tools.viewer.page_files',
         'opencv_tools.viewer.protocol')
@@ -80,6 +83,7 @@ ALLOWED = {
         'builtin_interfaces', 'diagnostic_msgs', 'rclpy', 'rcl_interfaces',
         'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'yaml'},
     'opencv_tools.topics': {
+        'opencv_tools.video',
         'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.image',
         'opencv_tools.logs', 'opencv_tools.message_types', 'rcl_interfaces', 'rclpy',
         'sensor_msgs', 'std_msgs', 'type_description_interfaces'},
@@ -91,6 +95,8 @@ ALLOWED = {
         'opencv_tools.transport.shared_frames', 'iceoryx2'},
     'opencv_tools.signals': set(),
     'opencv_tools.standard_streams': set(),
+    'opencv_tools.video': {'opencv_tools.video', 'opencv_tools.image',
+                           'opencv_tools.image_codecs', 'av', 'cv2'},
     'opencv_tools.viewer': {
         'opencv_tools.viewer', 'opencv_tools.cv_bridge', 'opencv_tools.image',
         'opencv_tools.image_codecs', 'opencv_tools.logs', 'opencv_tools.recording',

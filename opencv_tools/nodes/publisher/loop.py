@@ -38,6 +38,7 @@ from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.publisher.topic_player import TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.progress import Progress
+from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.timers import Delay
 from rclpy.node import Node
 from std_srvs.srv import SetBool
@@ -148,7 +149,10 @@ class PublishLoop:
         self.settings = replace(self.settings, **changes)
         self._grabber.playback = self.settings.playback()
         self._grabber.reconnect = self.settings.reconnect_policy()
-        self._topics.use_video(self.settings.video())
+        try:
+            self._topics.use_video(self.settings.video())
+        except ParameterError as err:
+            self._log.error(f'the video keeps its settings: {err}')
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
         elif _CAMERA_PARAMETERS & changes.keys():

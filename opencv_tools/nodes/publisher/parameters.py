@@ -30,7 +30,7 @@ from opencv_tools.capture.source import (
 from opencv_tools.capture.v4l2.modes import CameraRequest
 from opencv_tools.capture.v4l2.pixel_formats import check_fourcc
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Log, log_if_slow
@@ -40,7 +40,7 @@ from opencv_tools.nodes.publisher.stamps import STAMPS
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_patterns import check_patterns
-from opencv_tools.video.settings import check_codec, check_preset, VideoSettings
+from opencv_tools.video.settings import check_codec_name, check_preset_name, VideoSettings
 from rclpy.logging import get_logger
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -106,19 +106,19 @@ class PublisherSettings(NodeSettings):
         bounds=(1, 100), changeable=True)
     video_codec: str = parameter(
         'h264', 'Codec of the video topics: h264, h265, av1, or an encoder of FFmpeg such as '
-        'h264_nvenc', check=check_codec, changeable=True)
+        'h264_nvenc', check=check_codec_name, changeable=True)
     video_quality: int = parameter(
-        23, 'Quality of the video (CRF), from 1 (best) to 51 (smallest)', bounds=(1, 51),
+        23, 'Quality of the video (CRF), from 0 (best) to 51, of AV1 to 63', bounds=(0, 63),
         changeable=True)
     video_bit_rate: int = parameter(
-        0, 'Largest number of bits per second of the video; 0 for a constant quality',
+        0, 'Largest number of bits per second of the video, from 10000; 0 for a constant quality',
         bounds=(0, 10**9), changeable=True)
     video_key_interval: float = parameter(
         2.0, 'Seconds between two key frames of the video', bounds=(0.1, 3600.0),
         changeable=True)
     video_preset: str = parameter(
         '', 'Preset of the encoder of the video; empty for a fast one',
-        check=check_preset, changeable=True)
+        check=check_preset_name, changeable=True)
     stamp: str = parameter(
         'capture', 'Event whose time is the stamp of a frame; original keeps the stamp and the '
         'frame_id of a bag, capture shifts the stamps of a bag by one amount to now',
@@ -193,9 +193,10 @@ class PublisherSettings(NodeSettings):
         """
         Check the parameters against each other.
 
-        :raises ParameterError: ``start_frame`` is not before ``stop_frame``, or a parameter has no
+        :raises ParameterError: the video cannot have these settings, ``start_frame`` is not before ``stop_frame``, or a parameter has no
             effect with this source or with ``on_end``.
         """
+        self.video()
         if 0 < self.stop_frame <= self.start_frame:
             raise ParameterError(
                 f'parameter start_frame is {self.start_frame}, which is not before stop_frame '
@@ -228,10 +229,17 @@ class PublisherSettings(NodeSettings):
         return OutputSettings(self.encoding, self.flip, self.rotate, self.jpeg_quality)
 
     def video(self) -> VideoSettings:
-        """Return the settings of the video topics."""
-        return VideoSettings(
-            codec=self.video_codec, quality=self.video_quality, bit_rate=self.video_bit_rate,
-            key_interval=self.video_key_interval, preset=self.video_preset)
+        """
+        Return the settings of the video topics.
+
+        :raises ParameterError: a value is invalid for this codec.
+        """
+        try:
+            return VideoSettings(
+                codec=self.video_codec, quality=self.video_quality, bit_rate=self.video_bit_rate,
+                key_interval=self.video_key_interval, preset=self.video_preset)
+        except VideoError as err:
+            raise ParameterError(f'parameter video_{err}') from err
 
     def camera_request(self, controls: tuple[tuple[str, int], ...] = ()) -> CameraRequest:
         """
