@@ -21,7 +21,6 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireMessage
-from opencv_tools.units import NANO
 
 MAX_RATE = 1000.0  # frames per second; a source that reports more is wrong
 
@@ -55,7 +54,7 @@ class Recorded:
     @property
     def header_ns(self) -> int:
         """Stamp of the message in nanoseconds; 0 if it has none."""
-        return self.message.header.sec * NANO + self.message.header.nanosec
+        return self.message.header.stamp_ns
 
     @property
     def time_ns(self) -> int:

@@ -29,7 +29,6 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import convert_image
-from opencv_tools.units import NANO
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
@@ -129,7 +128,7 @@ class Frame:
     @property
     def stamp_ns(self) -> int:
         """Stamp of the image in nanoseconds."""
-        return self._message.header.sec * NANO + self._message.header.nanosec
+        return self._message.header.stamp_ns
 
     @property
     def frame_id(self) -> str:

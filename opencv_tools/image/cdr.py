@@ -33,6 +33,7 @@ from typing import Any
 
 from opencv_tools.image.errors import CdrError, EncapsulationError
 from opencv_tools.image.text import printable
+from opencv_tools.units import NANO
 
 #: Names of the message types.
 IMAGE = 'sensor_msgs/msg/Image'
@@ -57,6 +58,11 @@ class WireHeader:
     sec: int
     nanosec: int
     frame_id: str
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp in nanoseconds."""
+        return self.sec * NANO + self.nanosec
 
 
 #: The header of a message that has neither a stamp nor a frame.

@@ -24,7 +24,6 @@ from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.units import NANO
 
 
 class FrameConverter:
@@ -54,7 +53,7 @@ class FrameConverter:
         """
         arrival_ns = self._arrivals.arrival_ns(receive_ns)
         header = message.header
-        stamp_ns = header.sec * NANO + header.nanosec
+        stamp_ns = header.stamp_ns
         if isinstance(message, WireCompressedImage):
             self._check_size(*_declared_size(message.data))
             return CompressedFrame(

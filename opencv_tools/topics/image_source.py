@@ -22,14 +22,11 @@ import time
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.topics.message_reader import ImageReader
-from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Position
 from opencv_tools.topics.qos import describe_qos, following_qos, qos_mismatch
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
 from opencv_tools.topics.topic_discovery import ImageTopic, TopicDiscovery
 from opencv_tools.topics.video_decoding import VideoDecoding
-from opencv_tools.transport import zero_copy
-from opencv_tools.video.messages import VIDEO_TOPICS, WireVideo
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 # Time in which every publisher discovers a new subscription, also over a slow network.
@@ -53,26 +50,27 @@ class ImageSource:
     """
 
     def __init__(
-        self, discovery: TopicDiscovery, options: SubscriptionOptions, queue: FrameQueue, log: Log,
+        self, discovery: TopicDiscovery, depth: int | None, queue: FrameQueue, log: Log,
         before_message: Callable[[bytes], object], on_readers: Callable[[], object],
     ) -> None:
         """
         Choose a topic, without a reader until ``use`` is called.
 
         :param discovery: the possible topics and their publishers.
-        :param options: number of messages that may wait, and whether video is decoded.
+        :param depth: number of messages that may wait; None for all.
         :param queue: queue that gets the frames.
         :param before_message: called with the publisher of a message before it is put.
         :param on_readers: called when ``readers`` has changed.
         """
         self._node = discovery.node
         self._discovery = discovery
-        self._depth = options.depth
+        self._depth = depth
         self._queue = queue
         self._log = log
         self._before_message = before_message
         self._on_readers = on_readers
-        self._video = VideoDecoding(options.max_pixels) if options.decodes_video else None
+        #: Decoder of video; None to put the messages of video into the queue.
+        self.decoding: VideoDecoding | None = None
         self._candidate: ImageTopic | None = None
         self._count_before = 0  # frames before the first publisher appeared
         #: Identifiers of the publishers that were found last.
@@ -133,13 +131,12 @@ class ImageSource:
             received_ns = info.received_timestamp if info else 0
             publisher = bytes(info.publisher) if info else b''
             self._before_message(publisher)
-            if self._video and isinstance(message, WireVideo):
-                decoded = self._video.decode(message, publisher, info.number if info else 0)
-                if decoded is None:  # which counts as lost
-                    continue
-                message = decoded
-            frame: QueuedFrame = message if isinstance(message, CdrError) else ReceivedMessage(
-                message, received_ns or time.time_ns(), *(
+            image = self.decoding.decode(
+                message, publisher, info.number if info else 0) if self.decoding else message
+            if image is None:  # which counts as lost
+                continue
+            frame: QueuedFrame = image if isinstance(image, CdrError) else ReceivedMessage(
+                image, received_ns or time.time_ns(), *(
                     (info.source_timestamp, info.number) if info else ()))
             self._queue.put(frame, publisher, Position(info.number) if info else None,
                             keeps_all=keeps_all)
@@ -221,7 +218,7 @@ class ImageSource:
     def _best_qos(self, topic: ImageTopic) -> QoSProfile:
         """Return the quality of service that the publishers of a topic offer."""
         depth = self._depth
-        if depth is not None and topic.type_name in VIDEO_TOPICS:
+        if depth is not None and topic.is_video:
             depth = max(depth, _VIDEO_DEPTH)
         return following_qos(
             [info.qos_profile for info in self._discovery.publishers(topic)], depth)
@@ -241,7 +238,7 @@ class ImageSource:
         self._retire_at = time.monotonic() + _OVERLAP_SECONDS
         # The old publishers are gone, the type differs (a process has one type per topic), or
         # the messages have no numbers by which repeated ones are found.
-        if not is_same or not self._previous.publisher_count() or zero_copy.reason_for_rclpy:
+        if not is_same or not self._previous.publisher_count() or not self._previous.has_numbers:
             self._retire_previous()
         self.use(True)
         self._log.info(f'Receiving {self.topic_name} ({topic.type_name}, {describe_qos(qos)}), '

@@ -25,6 +25,7 @@ from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.messages import AnyMessage, message_class, read_message
 from opencv_tools.topics.topic_discovery import ImageTopic
+from opencv_tools.transport import zero_copy
 from opencv_tools.transport.rcl_structures import MessageInfo
 from opencv_tools.transport.zero_copy import (
     SerializedMessage, take_image, take_serialized)
@@ -107,6 +108,11 @@ class ImageReader(MessageReader):
         self.is_alone = True
         self._sender = b''
         self._number = self._in_sequence = 0
+
+    @property
+    def has_numbers(self) -> bool:
+        """Whether the messages have the numbers that their publishers gave."""
+        return not zero_copy.reason_for_rclpy
 
     def take(self) -> list[TakenMessage]:
         """

@@ -65,7 +65,7 @@ class ReceivedMessage:
     @property
     def stamp_ns(self) -> int:
         """Stamp in nanoseconds."""
-        return self.message.header.sec * NANO + self.message.header.nanosec
+        return self.message.header.stamp_ns
 
 
 #: A frame that waits: a message, or the error of one that cannot be read.

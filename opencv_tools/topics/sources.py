@@ -26,6 +26,7 @@ from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame
 from opencv_tools.topics.shared_frames import SharedFrames
 from opencv_tools.topics.topic_discovery import TopicDiscovery
+from opencv_tools.topics.video_decoding import VideoDecoding
 from opencv_tools.transport.shared_frames.publisher import can_share, NOT_SHARED
 
 
@@ -60,9 +61,10 @@ class FrameSources:
         ) if options.transport in ('auto', 'shm') and can_share() else None
         #: The image topic.
         self.image = ImageSource(
-            discovery, options, queue, log,
+            discovery, options.depth, queue, log,
             self.shared.receive_before_message if self.shared else lambda publisher: None,
             self._watch)
+        self.image.decoding = VideoDecoding(options.max_pixels) if options.decodes_video else None
         self._watch()
         self.image.use(options.has_image_topic)
 

@@ -58,6 +58,11 @@ class ImageTopic:
     name: str
     type_name: str
 
+    @property
+    def is_video(self) -> bool:
+        """Whether its messages are pictures of video."""
+        return self.type_name in VIDEO_TOPICS
+
 
 def resolve_topic(node: Node, topic: str) -> str:
     """
@@ -121,7 +126,7 @@ class TopicDiscovery:
             (possible for possible in self._possible
              if possible.type_name in TRANSPORTS[transport]),
             key=lambda allowed: prefers_compressed and allowed.type_name == IMAGE)
-        self._video = [possible for possible in self.allowed if possible.type_name in VIDEO_TOPICS]
+        self._video = [possible for possible in self.allowed if possible.is_video]
         self._host: bytes | None = None  # of this process
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
@@ -139,12 +144,11 @@ class TopicDiscovery:
         """Return the best topic that has a publisher, or None."""
         found = [*filter(self.publishers, self.allowed)]
         return next((video for video in found if self.prefers_video(found[0])
-                     and video.type_name in VIDEO_TOPICS), found[0] if found else None)
+                     and video.is_video), found[0] if found else None)
 
     def prefers_video(self, image_topic: ImageTopic) -> bool:
         """Return whether video is better, because the publishers are on other machines."""
-        return (image_topic.type_name not in VIDEO_TOPICS
-                and any(map(self.publishers, self._video))
+        return (not image_topic.is_video and any(map(self.publishers, self._video))
                 and all(map(self._is_remote, self.publishers(image_topic))))
 
     def _is_remote(self, info: TopicEndpointInfo) -> bool:

@@ -19,10 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from opencv_tools.image.cdr import WireImage
+from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CdrError, ImageError, KeyFrameNeeded
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.video.messages import WireVideo
 
 if TYPE_CHECKING:
@@ -59,17 +60,19 @@ class VideoDecoding:
         self._streams: dict[bytes, _Stream] = {}
 
     def decode(
-        self, message: WireVideo, publisher: bytes, number: int,
-    ) -> WireImage | CdrError | None:
+        self, message: AnyMessage | CdrError, publisher: bytes, number: int,
+    ) -> WireMessage | CdrError | None:
         """
         Decode a message.
 
-        :param message: the message.
+        :param message: the message; one that is no video is returned.
         :param publisher: identifier of its publisher.
         :param number: number that the publisher gave it; 0 if unknown.
         :returns: the image, or the error of video that cannot be decoded; None if the message
             needs earlier ones that are missing.
         """
+        if not isinstance(message, WireVideo):
+            return message
         try:
             stream = self._stream(message.codec, publisher, number)
             image = stream.decoder.decode(bytes(message.data), message.size)

@@ -25,7 +25,6 @@ from opencv_tools.image.errors import VideoError
 from opencv_tools.logs import Log
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.message_type import message_type
-from opencv_tools.units import NANO
 from opencv_tools.video.messages import VIDEO_TOPICS, video_to_cdr
 from opencv_tools.video.settings import VideoSettings
 from rclpy.event_handler import PublisherEventCallbacks
@@ -91,7 +90,7 @@ class VideoTopics:
             return []
         image, encoding = picture()
         try:
-            packet = self.stream.encode(image, encoding, header.sec * NANO + header.nanosec)
+            packet = self.stream.encode(image, encoding, header.stamp_ns)
         except VideoError as err:
             self._log.error(f'no video: {err}', every=_LOGGED_SECONDS, key='video')
             return []

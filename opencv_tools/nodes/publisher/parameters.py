@@ -193,8 +193,8 @@ class PublisherSettings(NodeSettings):
         """
         Check the parameters against each other.
 
-        :raises ParameterError: the video cannot have these settings, ``start_frame`` is not before ``stop_frame``, or a parameter has no
-            effect with this source or with ``on_end``.
+        :raises ParameterError: the video cannot have these settings, ``start_frame`` is not before
+            ``stop_frame``, or a parameter has no effect with this source or with ``on_end``.
         """
         self.video()
         if 0 < self.stop_frame <= self.start_frame:

@@ -31,7 +31,6 @@ from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.transport.zero_copy import take_serialized
-from opencv_tools.units import NANO
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -84,7 +83,7 @@ class BagMessages:
         self._follow_camera_info(camera_info_topic(topic))
         return MessageFrame(
             metadata=FrameMetadata(
-                header.sec * NANO + header.nanosec, header.frame_id, encoding, topic),
+                header.stamp_ns, header.frame_id, encoding, topic),
             receive_ns=received.receive_ns,
             arrival_ns=self._arrivals.arrival_ns(received.receive_ns),
             message=message, channel=self._channel(topic, type_name),

@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterator
 from child_processes import wait_until
 from opencv_tools.logs import Log
 from opencv_tools.topics.image_source import ImageSource
-from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import FrameOrder
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.topics.topic_discovery import TopicDiscovery
@@ -43,8 +42,7 @@ class Receiver:
         #: Publisher of each message, and the frames that were in the queue before it.
         self.before: list[tuple[bytes, int]] = []
         self.source = ImageSource(
-            TopicDiscovery(node, TOPIC, 'auto'), SubscriptionOptions(depth=100), self.queue,
-            Log(node.get_logger()),
+            TopicDiscovery(node, TOPIC, 'auto'), 100, self.queue, Log(node.get_logger()),
             before_message=lambda publisher: self.before.append((publisher, self.queue.count)),
             on_readers=lambda: None)
         self.source.use(True)
