@@ -34,6 +34,8 @@ from numbered_pictures import number_of, picture
 from opencv_tools.frames import Frame, FrameNode, FramePublisher, main
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from opencv_tools.video.settings import VideoSettings
+from pair_cases import LOSSY, OWN_TOPICS
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
@@ -103,7 +105,7 @@ class NumberedPublisher(FrameNode):
         super().__init__(f'publisher_{life}')
         self._life, self._journal, self._scale = life, Journal(journal), int(scale)
         self._is_loaned = image == 'loan'
-        self._frames = self.publish_frames(TOPIC)
+        self._frames = self.publish_frames(TOPIC, video=VideoSettings())
         self._infos = self.create_publisher(CameraInfo, 'camera_info', 10)
         if neighbour:
             self.receive_frames(TOPIC, lambda _: None, transport=neighbour)
@@ -169,14 +171,14 @@ class CheckingReceiver(FrameNode):
         """
         super().__init__(RECEIVERS[0])
         self._journal, self._hold = Journal(journal), Path(f'{journal}.hold')
-        self._is_exact = way != 'compressed'
+        self._is_exact = way not in LOSSY
         self._has_info = camera_info == 'with'
         self._callback = callback
         self.create_timer(TICK_SECONDS, lambda: self._journal.write('tick'))
         self._frames = self.receive_frames(
             TOPIC, self._on_frame, every=frames == 'every', threaded=consumer == 'threaded',
             camera_info=self._has_info,
-            transport=way if way in ('raw', 'compressed') else 'auto')
+            transport=way if way in OWN_TOPICS else 'auto')
 
     def _on_frame(self, frame: Frame) -> None:
         number = number_of(frame.image, is_exact=self._is_exact)

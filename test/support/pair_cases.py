@@ -23,7 +23,7 @@ from pairs import allowed_combinations, covering_array, Part
 #: Values of each factor. ``executor`` and ``threaded`` are nodes of `opencv_tools.frames` with
 #: the callback there; ``drop`` and ``block`` are img_subscriber with this ``on_overflow``.
 FACTORS = {
-    'way': ('raw', 'compressed', 'shared', 'changing'),
+    'way': ('raw', 'compressed', 'video', 'shared', 'changing'),
     'image': ('array', 'loan'),
     'receiver': ('executor', 'threaded', 'drop', 'block'),
     'frames': ('newest', 'every'),
@@ -34,6 +34,9 @@ FACTORS = {
     'interrupt': ('idle', 'running', 'never'),
     'joins': ('first', 'late'),
 }
+
+#: Ways that are transports of their own, and those that change pixels a little.
+OWN_TOPICS, LOSSY = ('raw', 'compressed', 'video'), ('compressed', 'video')
 
 #: Pairs that cannot occur, with the reason.
 EXCLUDED: dict[Part, str] = {
@@ -103,7 +106,7 @@ class Case:
     @property
     def transport(self) -> str:
         """Return the value of the option or parameter ``transport``."""
-        return self.way if self.way in ('raw', 'compressed') else 'auto'
+        return self.way if self.way in OWN_TOPICS else 'auto'
 
     @property
     def status(self) -> int:

@@ -29,7 +29,7 @@ from conftest import executable, is_fastdds, read_manifest, read_pictures, remov
 import numbered_nodes
 from numbered_pictures import number_of
 from opencv_tools.transport.shared_frames.memory import process_memory
-from pair_cases import Case
+from pair_cases import Case, LOSSY
 
 # Generous: Ctrl-C ends a receiver in less than 3 s. A recorder writes what it has received.
 _END_SECONDS = 20.0
@@ -227,7 +227,7 @@ class Recorder(Child):
 
     def numbers(self) -> list[tuple[str, int]]:
         """Return the publisher and the number of each file; -1 for wrong pixels."""
-        is_exact = self._case.way != 'compressed'
+        is_exact = self._case.way not in LOSSY
         pictures = zip(read_manifest(self._folder), read_pictures(self._folder))
         return [(line['frame_id'], number_of(image, is_exact=is_exact))
                 for line, image in pictures]
