@@ -71,6 +71,14 @@ def finish_both(subscriber: NodeProcess, publisher: NodeProcess) -> float:
     return seconds
 
 
+def finish_one(subscriber: NodeProcess) -> float:
+    """Wait for the end of a subscriber; the seconds that the frames took."""
+    subscriber.wait_for('Receiving video frame')
+    began = time.monotonic()
+    assert subscriber.finish() == 0, subscriber.output
+    return time.monotonic() - began
+
+
 def test_packet_loss_of_the_link(hosts: Hosts) -> None:
     near, far = hosts
     near.run('python3', '-c', 'import socket; cable = socket.socket(type=socket.SOCK_DGRAM); '
@@ -89,7 +97,8 @@ def test_raw_frames_arrive_pixel_for_pixel(
     count = 6 * rate
     far.run('sysctl', '-q', '-w', 'net.ipv4.ipfrag_time=3')
     subscriber = start('img_subscriber', within=far.within, output_dir=tmp_path / 'out',
-                       file_name='frame_{seq:04d}.npy', max_frames=count, timeout=15)
+                       file_name='frame_{seq:04d}.npy', max_frames=count, timeout=15,
+                       transport='raw')
     publisher = start('img_publisher', within=near.within, source=f'pattern:640x480@{rate}',
                       publish_rate=0.0, max_frames=count, wait_for_subscribers=1)
     seconds = finish_both(subscriber, publisher)
@@ -119,6 +128,46 @@ def test_compressed_1080p30_arrives_complete(
         picture = cv2.imread(str(files[number]))
         assert cv2.norm(picture, draw_pattern(number, 1920, 1080), cv2.NORM_L1) < picture.size
     assert near.sent_bytes() > sum(path.stat().st_size for path in files)
+
+
+def test_video_is_preferred_on_another_host(
+        hosts: Hosts, start: Start, tmp_path: Path, tell: Tell) -> None:
+    near, far = hosts
+    start('img_publisher', within=near.within, source='pattern:640x480@30', publish_rate=0.0)
+    subscriber = start('img_subscriber', within=far.within, output_dir=tmp_path / 'out')
+    subscriber.wait_for('Receiving /video_frames/ffmpeg (ffmpeg_image_transport_msgs/msg/')
+    written, sent = len(recorded_files(tmp_path / 'out')), near.sent_bytes()
+    subscriber.wait_until(lambda _: len(recorded_files(tmp_path / 'out')) > written + 60)
+    sent = near.sent_bytes() - sent
+    subscriber.interrupt()
+    assert subscriber.finish() == 0, subscriber.output
+    tell(f'video 640x480 at 30 Hz: {sent / 60e3:.1f} kB for each of 60 frames')
+    assert sent < 60 * 640 * 480 * 3 / 20
+    assert re.search(r' 0 dropped, 0 failed, \d+ lost in transit', subscriber.output)
+
+
+@pytest.mark.parametrize('transport', ['video', 'compressed'])
+def test_frames_on_a_lossy_link(
+        hosts: Hosts, start: Start, tmp_path: Path, tell: Tell, transport: str) -> None:
+    near, far = hosts
+    topic = {'video': 'ffmpeg', 'compressed': 'compressed'}[transport]
+    publisher = start('img_publisher', within=near.within, **{
+        'source': 'pattern:640x480@30', 'publish_rate': 0.0, 'wait_for_subscribers': 1,
+        'video_key_interval': 0.5,
+        f'qos_overrides./video_frames/{topic}.publisher.reliability': 'best_effort'})
+    subscriber = start('img_subscriber', within=far.within, output_dir=tmp_path / 'out',
+                       transport=transport, max_frames=150)
+    seconds = finish_one(subscriber)
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    tell(f'{transport} 640x480 at 30 Hz, best effort: '
+         f'{describe(subscriber, 150, seconds, near, far)}')
+    pictures = [cv2.imread(str(path)) for path in recorded_files(tmp_path / 'out')]
+    assert len(pictures) == 150
+    # Each picture is a whole one of the pattern, however many are lost.
+    drawn = [draw_pattern(number, 640, 480) for number in range(400)]
+    for picture in pictures[::30]:
+        assert min(cv2.norm(picture, one, cv2.NORM_L1) for one in drawn) < 3 * picture.size
 
 
 def send_without_multicast(hosts: Hosts, start: Start, tmp_path: Path) -> tuple[int, NodeProcess]:
