@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Video topics against JPEG: bytes, similarity, age, processor time and the wait of a late subscriber.
+Video topics against JPEG: bytes, similarity, age, processor time, wait of a late subscriber.
 
 The frames are those of the shipped clip, 1280x720, as they are and with noise of a camera. The age
 of a frame is the time from when its publisher has it in hand to when a subscriber in another
@@ -100,8 +100,8 @@ def sizes() -> Iterator[Figure]:
             video.append(len(packet.data))
             alike.append(ssim(decoder.decode(packet.data), clean))
         ratio, similar = sum(jpeg) / sum(video), statistics.mean(alike)
-        yield Figure('video', f'{name}: bytes of JPEG {JPEG_QUALITY} to those of H.264', ratio, 'x',
-                     f'at least {FEWER_BYTES:g}', ratio >= FEWER_BYTES)
+        yield Figure('video', f'{name}: bytes of JPEG {JPEG_QUALITY} to those of H.264', ratio,
+                     'x', f'at least {FEWER_BYTES:g}', ratio >= FEWER_BYTES)
         yield Figure('video', f'{name}: similarity of H.264 to the frames of the clip', similar,
                      'SSIM', f'at least {LEAST_SSIM}', similar >= LEAST_SSIM)
 
