@@ -223,6 +223,36 @@ def test_bag_without_frames(tmp_path: Path) -> None:
     assert lines(tmp_path) == [('drive.mcap', 0)]
 
 
+@pytest.mark.parametrize('with_frame', [False, True])
+def test_killed_recording_that_begins_with_a_batch(tmp_path: Path, with_frame: bool) -> None:
+    bags = open_bags(tmp_path)
+    put(bags, batch(1, 3))
+    if with_frame:
+        put(bags, frame(4))
+    journal, = tmp_path.glob('.*')
+    kept, content = journal.read_bytes(), (tmp_path / 'drive.mcap').read_bytes()
+    bags.close()
+    (tmp_path / 'manifest.jsonl').unlink()
+    journal.write_bytes(kept)
+    (tmp_path / 'drive.mcap').write_bytes(content)
+    open_bags(tmp_path, 'other.mcap').close()
+    assert len(read_by_all(tmp_path / 'drive.mcap')) == 3 + with_frame
+    line, = read_manifest(tmp_path)
+    assert (line['file'], line['frames']) == ('drive.mcap', with_frame)
+
+
+def test_line_of_a_bag_that_begins_with_a_batch(tmp_path: Path) -> None:
+    frames, both = open_bags(tmp_path / 'a'), open_bags(tmp_path / 'b')
+    put(both, batch(1, 3))
+    for bags in (frames, both):
+        put(bags, frame(4))
+        put(bags, frame(5))
+        bags.close()
+    (expected,), (found,) = map(read_manifest, (tmp_path / 'a', tmp_path / 'b'))
+    own = {'bytes': 0, 'sha256': ''}
+    assert {**found, **own} == {**expected, **own}
+
+
 def test_batch_that_reaches_the_limit(tmp_path: Path) -> None:
     bags, item = open_bags(tmp_path, limits=Limits(max_bytes=20_000)), batch(1, 100)
     with pytest.raises(LimitReached):
