@@ -62,7 +62,7 @@ collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
 pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
 
-# Processes inherit that a signal is ignored, as in the background of a script. The tests send them.
+# Processes inherit that a signal is ignored, as in the background of a script. Tests send them.
 for _number in END_SIGNALS:
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT
