@@ -73,8 +73,8 @@ def read_start(
         return settings.priority, settings.FRAME_BYTES
     for name, value in given.items():
         if value == []:
-            raise ParameterError(f'parameter {printable(name)} is an empty list, which has no type '
-                                 'in ROS: leave it out')
+            raise ParameterError(f'parameter {printable(name)} is an empty list, which has no '
+                                 'type in ROS: leave it out')
     known = [found for found in parameter_table(settings) if found.name in given]
     values: dict[str, Any] = {}
     for found in known:
