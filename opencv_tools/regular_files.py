@@ -188,7 +188,8 @@ def write_buffer(file: BinaryIO, data: Any) -> None:
     :param data: buffer.
     :raises OSError: not all data can be written.
     """
-    rest = memoryview(data).cast('B')
+    view = memoryview(data)
+    rest = view.cast('B') if view.nbytes else b''  # an empty view cannot be cast
     while rest:
         rest = rest[file.write(rest):]
 

@@ -216,7 +216,8 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Serializ
         _rcutils.rcutils_reset_error()
         return None
     _check(result)
-    return np.asarray(buffer), info
+    # A message without a byte has no buffer.
+    return np.asarray(buffer) if buffer else np.empty(0, np.uint8), info
 
 
 def take_image(subscription: rclpy_implementation.Subscription) -> TakenImage:
