@@ -653,3 +653,15 @@ def test_bag_of_messages_that_is_removed(tmp_path: Path) -> None:
     assert console.lines == ['error: 3 messages of topics are lost: drive.mcap was removed or '
                              'moved while it was written']
     assert recorder.counts.failed == 0
+
+
+def test_batch_that_cannot_be_prepared(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bags, results = open_bags(tmp_path), list[Path | str]()
+    monkeypatch.setattr(bags, 'prepare', None)
+    recorder = Recorder(bags, Console())
+    recorder.put(batch(1, 3), results.append)
+    recorder.close()
+    assert results == ["'NoneType' object is not callable"]
+    assert recorder.is_unfinished
+    assert recorder.counts.failed == 0
