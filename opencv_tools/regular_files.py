@@ -188,8 +188,7 @@ def write_buffer(file: BinaryIO, data: Any) -> None:
     :param data: buffer.
     :raises OSError: not all data can be written.
     """
-    view = memoryview(data)
-    rest = view.cast('B') if view.nbytes else b''  # an empty view cannot be cast
+    rest = memoryview(data).cast('B')
     while rest:
         rest = rest[file.write(rest):]
 

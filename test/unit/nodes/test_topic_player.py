@@ -133,6 +133,10 @@ def test_each_play_begins_anew(play_entries: Play) -> None:
 def test_messages_after_an_image_that_is_held(play_entries: Play) -> None:
     player = play_entries([*images(1), spoken('tail', BEGAN_NS + NANO // 5)])
     began = time.monotonic()
+    player.advance(recorded(0))
+    anchor = player._pace._anchor
+    player.advance(recorded(0))
+    assert player._pace._anchor is anchor
     while player.count < 1:
         assert time.monotonic() < began + DEADLINE, 'the tail was not published'
         player.advance(recorded(0))
