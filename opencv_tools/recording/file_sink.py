@@ -225,8 +225,10 @@ class FileSink(Generic[W, P]):
             self._ended += kept
             self._is_full = self._is_full or (writer.is_full and not self._ring)
             self.counts.skipped += skipped
-            if lost:
+            lost_others = writer.others if problem else 0
+            if lost or lost_others:
                 self.counts.lost += lost
+                self.counts.lost_others += lost_others
                 self.counts.reason = problem or reason or self._refusal
 
     def _add_line(self, file: OpenFile[W]) -> str:
