@@ -138,9 +138,8 @@ class ImageSubscriber(ClosableNode):
             + ('' if account.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
-        if self._topic_recorder:
-            self._topic_recorder.log_summary()
-        if failed or unprocessed or recorder.is_unfinished:
+        has_topics = not self._topic_recorder or self._topic_recorder.log_summary()
+        if failed or unprocessed or recorder.is_unfinished or not has_topics:
             return EXIT_FAILURE
         return super().close()
 

@@ -62,8 +62,11 @@ collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
 pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
 
-# Processes inherit that a signal is ignored, as nohup does, and the tests send it.
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+# Processes inherit that a signal is ignored, as in the background of a script. Tests send them.
+for _number in END_SIGNALS:
+    if signal.getsignal(_number) is signal.SIG_IGN:
+        signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT
+                      else signal.SIG_DFL)
 
 # The processes of the tests multiply no large matrices; their starts take a quarter less time.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -26,7 +26,7 @@ from urllib.parse import quote
 
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import (
-    BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT)
+    BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, Texts)
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import check_kind, open_regular
 
@@ -114,13 +114,15 @@ class Db3Reader:
     def _read_topics(self) -> None:
         self._database.execute('PRAGMA trusted_schema = OFF')
         found = {table: self._check_table(table, columns) for table, columns in _COLUMNS.items()}
+        texts = Texts()
         qos = f'substr({_QOS}, 1, {MAX_TEXT})' if _QOS in found['topics'] else "''"
         for number, name, kind, serialization, offers in self._database.execute(
                 'SELECT id, substr(name, 1, 1000), substr(type, 1, 1000), '
                 'substr(serialization_format, 1, 1000), '
                 f"{qos} FROM topics WHERE typeof(id) = 'integer' LIMIT {_MAX_TOPICS}"):
             self._ids[number] = topic = BagTopic(
-                str(name), str(kind), str(serialization), qos=str(offers or ''))
+                str(name), str(kind), str(serialization),
+                qos=texts.keep(str(offers or '').encode()))
             self.topics.setdefault(topic, 0)
         for number, count, first_ns, last_ns in self._database.execute(
                 'SELECT topic_id, count(*), min(timestamp), max(timestamp) '
@@ -139,10 +141,12 @@ class Db3Reader:
         # Each row ends with 0 for an ordinary column.
         kinds = {row[1].lower(): row[-1] for row in self._database.execute(
             f'PRAGMA table_xinfo({name})')}
-        if not found[0] or '_rowid_' in kinds or any(kinds.get(column) != 0 for column in columns):
+        known = kinds.keys() & {_QOS, *columns}
+        if (not found[0] or '_rowid_' in kinds or not columns <= known
+                or any(kinds[column] != 0 for column in known)):
             raise BagError(f'{self._name} is not a bag of rosbag2: its table {name} is missing or '
                            'has other columns')
-        return kinds.keys() & {_QOS, *columns}
+        return known
 
     def _error(self, err: Exception) -> BagError:
         reason = printable(err)

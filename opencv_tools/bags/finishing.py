@@ -21,9 +21,11 @@ that can be finished again.
 
 from __future__ import annotations
 
+from collections import Counter
 import os
 from pathlib import Path
 import struct
+from typing import NamedTuple
 
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import (
@@ -46,10 +48,23 @@ _OWN_START = MAGIC, HEADER_CODE, len(PROFILE), PROFILE.encode(), LIBRARY.encode(
 
 
 def finish_bag(path: Path) -> int | None:
+    """Finish a bag as `finish_and_count` does, and return the number of its images."""
+    counts = finish_and_count(path)
+    return counts and counts.images
+
+
+class Counts(NamedTuple):
+    """Number of images, and of all messages."""
+
+    images: int
+    messages: int
+
+
+def finish_and_count(path: Path) -> Counts | None:
     """
     Write the missing end of a bag of this package, unless its recording still runs.
 
-    :returns: number of images in the bag; None if it is not a bag of this package, or if it is
+    :returns: number of messages in the bag; None if it is not a bag of this package, or if it is
         being written.
     :raises BagError: a record in the middle is damaged, or the library mcap is not installed; the
         bag is not changed.
@@ -64,10 +79,10 @@ def finish_bag(path: Path) -> int | None:
         check_mcap()
         bag = _OwnBag(read, os.fstat(file).st_size, printable(path.name))
         bag.read()
-        frames = bag.frame_count()
+        counts = bag.message_counts()
         if not bag.is_finished:
             _write_end(file, bag)
-        return frames
+        return counts
     finally:
         os.close(file)
 
@@ -147,10 +162,11 @@ class _OwnBag:
         if self.chunk:
             self.end = self.chunk.end  # without incomplete message indexes
 
-    def frame_count(self) -> int:
-        counts = self.chunk.counts() if self.chunk else {}
-        return sum(self.index.counts.get(channel_id, 0) + counts.get(channel_id, 0)
-                   for channel_id in self._image_channels)
+    def message_counts(self) -> Counts:
+        counts = Counter(self.index.counts)
+        counts.update(self.chunk.counts() if self.chunk else {})
+        return Counts(sum(counts[channel_id] for channel_id in self._image_channels),
+                      counts.total())
 
     def _add(self, record: Record) -> bool:
         """Add a record; return whether it is complete and another one may follow."""

@@ -27,7 +27,7 @@ from opencv_tools.bags.mcap_format import (
     CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, MAGIC, MESSAGE_CODE, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
     definition, flat_records, message_head, Read, Record, records, summary_start)
-from opencv_tools.bags.reading import BagTopic, Damage, MAX_TEXT
+from opencv_tools.bags.reading import BagTopic, Damage, MAX_TEXT, Texts
 
 if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema
@@ -69,18 +69,23 @@ class Contents:
     spans: list[Span] = field(default_factory=list)
     times: tuple[int, ...] = ()
     cut_at: int | None = None
+    _types: dict[int, tuple[str, str]] = field(default_factory=dict)
+    _texts: Texts = field(default_factory=Texts)
 
-    def add_channel(self, channel: Channel, schemas: dict[int, Schema]) -> None:
+    def add_schema(self, schema: Schema) -> None:
+        """Add the name and the text of a type for the channels that follow."""
+        if schema.id not in self._types:
+            self._types[schema.id] = schema.name[:_MAX_NAME], (
+                self._texts.keep(schema.data) if schema.encoding == 'ros2msg' else '')
+
+    def add_channel(self, channel: Channel) -> None:
         """Add the topic of a channel, unless its name is too long."""
         if len(channel.topic) <= _MAX_NAME and channel.id not in self.channels:
-            schema = schemas.get(channel.schema_id)
-            is_text = schema is not None and schema.encoding == 'ros2msg' and len(
-                schema.data) <= MAX_TEXT
+            type_name, text = self._types.get(channel.schema_id, ('', ''))
+            qos = channel.metadata.get('offered_qos_profiles', '')[:MAX_TEXT]
             self.channels[channel.id] = BagTopic(
-                channel.topic, schema.name[:_MAX_NAME] if schema else '',
-                channel.message_encoding[:_MAX_NAME],
-                schema.data.decode(errors='replace') if schema and is_text else '',
-                channel.metadata.get('offered_qos_profiles', '')[:MAX_TEXT])
+                channel.topic, type_name, channel.message_encoding[:_MAX_NAME], text,
+                self._texts.keep(qos.encode()))
 
 
 def read_contents(read: Read, size: int) -> Contents:
@@ -119,8 +124,10 @@ def _use_index(found: list[McapRecord], read: Read, size: int) -> Contents | Non
     contents = Contents(
         counts=Counter(statistics.channel_message_counts), spans=spans,
         times=(statistics.message_start_time, statistics.message_end_time))
+    for schema in schemas.values():
+        contents.add_schema(schema)
     for channel in channels.values():
-        contents.add_channel(channel, schemas)
+        contents.add_channel(channel)
     return contents
 
 
@@ -139,7 +146,6 @@ class _Scan:
     def __init__(self, read: Read, size: int) -> None:
         self.contents = Contents()
         self._read = read
-        self._schemas: dict[int, Schema] = {}
         begin = end = len(MAGIC)
         first_ns: int | None = None  # of the messages since ``begin``
         sizes: list[int] = []
@@ -178,8 +184,8 @@ class _Scan:
             elif record.opcode == SCHEMA_CODE:
                 schema = definition(Schema, read, record)
                 if schema is not None:
-                    self._schemas[schema.id] = schema
+                    contents.add_schema(schema)
             elif record.opcode == CHANNEL_CODE:
                 channel = definition(Channel, read, record)
                 if channel is not None:
-                    contents.add_channel(channel, self._schemas)
+                    contents.add_channel(channel)

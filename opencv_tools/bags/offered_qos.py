@@ -25,6 +25,8 @@ from opencv_tools.units import NANO
 #: The longest duration, which stands for no limit.
 INFINITE_NS = 2**63 - 1
 
+#: The history of a publisher that keeps its last messages.
+KEEP_LAST = 1
 
 # A line of a policy, without quotes; the first one of a publisher begins with a dash.
 _POLICY = re.compile(
@@ -52,7 +54,7 @@ class OfferedQos:
     :param liveliness_lease_ns: longest time between two signs of life in nanoseconds.
     """
 
-    history: int = 1
+    history: int = KEEP_LAST
     depth: int = 10
     reliability: int = 1
     durability: int = 2

@@ -28,8 +28,33 @@ MAX_BYTES = 3 << 26
 #: Most characters of the definition or the quality of service of a topic that are read.
 MAX_TEXT = 1 << 18
 
+_MAX_TEXTS = 1 << 23  # bytes of all these texts of a file
+
 #: Serialization of messages that can be read.
 CDR = 'cdr'
+
+
+class Texts:
+    """
+    Definitions and qualities of service of the topics of a file, with a limit of their memory.
+
+    A compressed file of some kilobytes may have thousands of topics with large texts.
+    """
+
+    def __init__(self) -> None:
+        """Begin without texts."""
+        self._kept: dict[bytes, str] = {}
+        self._bytes = 0
+
+    def keep(self, data: bytes) -> str:
+        """Return a text, one object for equal ones; '' if it or all together are too long."""
+        text = self._kept.get(data)
+        if text is None:
+            if len(data) > MAX_TEXT or self._bytes + len(data) > _MAX_TEXTS:
+                return ''
+            self._bytes += len(data)
+            text = self._kept[data] = data.decode(errors='replace')
+        return text
 
 
 @dataclass(frozen=True)
@@ -40,7 +65,8 @@ class BagTopic:
     :param name: name of the topic.
     :param type_name: type of the messages, such as ``sensor_msgs/msg/Image``.
     :param serialization: serialization of the messages, such as ``cdr``.
-    :param definition: text of the type, with those that it contains; '' if the bag has none.
+    :param definition: text of the type, with those that it contains; '' if the bag has none, or
+        too much text.
     :param qos: YAML text with the quality of service of its publishers; '' if unknown.
     """
 

@@ -77,8 +77,10 @@ class BagSource:
             counts = self._read_topics()
         except (BagError, OSError) as err:
             raise _error(self.name, err) from err
-        #: Topic of the images, and all topics of the bag.
-        self.topic, self.topics = _select(self.name, topic, counts), counts.keys()
+        #: Topic of the images.
+        self.topic = _select(self.name, topic, counts)
+        #: Number of messages of each topic of the bag.
+        self.topics = counts
         info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
         self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]

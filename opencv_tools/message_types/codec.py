@@ -28,13 +28,15 @@ import numpy as np
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.text import printable
 from opencv_tools.message_types.definition import Array, Field, PLACEHOLDER, TypeDefinition
+from opencv_tools.message_types.numbers import convert_numbers
+from opencv_tools.message_types.primitives import PRIMITIVES
 
 _HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
 _ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}
-_TYPES = {'bool': '?', 'byte': 'u1', 'char': 'u1', 'int8': 'i1', 'uint8': 'u1', 'int16': 'i2',
-          'uint16': 'u2', 'int32': 'i4', 'uint32': 'u4', 'int64': 'i8', 'uint64': 'u8',
-          'float32': 'f4', 'float64': 'f8'}
+_TYPES = {name: np.dtype(found.dtype) for name, found in PRIMITIVES.items() if found.dtype}
 _COUNT = np.dtype('u4')
+_MAX_BYTES = 1 << 30  # of a message that is written
+_MAX_VALUES = 1 << 19  # messages and strings in a message, each of which takes time and memory
 _MAX_SHOWN = 40  # characters of a value in an error
 
 
@@ -64,7 +66,8 @@ class MessageCodec:
         :param message: values by name. A field without a value has the default of the definition,
             else 0, ``''`` or no values.
         :returns: little-endian CDR.
-        :raises CdrError: a field is unknown, or its value does not have its type.
+        :raises CdrError: a field is unknown, its value does not have its type, or the message has
+            more than 1 GiB, or more than 524288 messages and strings.
         """
         writer = _Writer(self._type)
         writer.message(self._type.name, message)
@@ -75,11 +78,30 @@ class MessageCodec:
         Read a message from CDR.
 
         :param serialized: buffer of CDR, little-endian or big-endian.
-        :returns: values by name. Arrays of numbers are views of the buffer, read-only.
-        :raises CdrError: the bytes are not plain CDR, are too few, or have a string that is not
-            UTF-8.
+        :returns: values by name. Arrays of numbers are views of the buffer, read-only. A buffer
+            that is not contiguous is copied.
+        :raises CdrError: the bytes are not plain CDR, are too few, have a string that is not
+            UTF-8, or have more than 524288 messages and strings.
         """
         return _Reader(self._type, serialized).message(self._type.name)
+
+
+class _Values:
+    """Counts the messages and strings in a message."""
+
+    def __init__(self) -> None:
+        self._count = 0
+
+    def count(self, name: str) -> None:
+        """
+        Count a value.
+
+        :raises CdrError: there are too many.
+        """
+        self._count += 1
+        if self._count > _MAX_VALUES:
+            raise CdrError(f'{name} follows {_MAX_VALUES} messages and strings, which are the '
+                           'most in a message')
 
 
 class _Reader:
@@ -90,7 +112,10 @@ class _Reader:
     """
 
     def __init__(self, definition: TypeDefinition, serialized: Any) -> None:
-        data = memoryview(serialized).cast('B').toreadonly()
+        data = memoryview(serialized)
+        if not data.c_contiguous or not data.nbytes:  # such a view cannot be cast
+            data = memoryview(data.tobytes())
+        data = data.cast('B').toreadonly()
         order = _ORDERS.get(bytes(data[:2]))
         if order is None or len(data) < _HEAD_SIZE:
             raise CdrError(f'{len(data)} bytes that are not plain CDR')
@@ -98,6 +123,7 @@ class _Reader:
         self._order = order
         self._data = data[_HEAD_SIZE:]
         self._position = 0
+        self._values = _Values()
 
     def message(self, name: str) -> dict[str, Any]:
         """Read the fields of a message."""
@@ -114,18 +140,17 @@ class _Reader:
                 raise CdrError(f'{field.name} has {count} values, at most {field.size} are '
                                'allowed')
         if field.base in _TYPES:
-            return self._numbers(np.dtype(_TYPES[field.base]), count)
+            return self._numbers(_TYPES[field.base], count)
         if count > len(self._data) - self._position:
             raise CdrError(f'{field.name} has {count} values, but only '
                            f'{len(self._data) - self._position} bytes follow')
         return [self._value(field) for _ in range(count)]
 
     def _value(self, field: Field) -> Any:
-        if field.is_message:
-            return self.message(field.base)
-        if field.base == 'string':
-            return self._string(field)
-        return self._numbers(np.dtype(_TYPES[field.base]), 1)[0].item()
+        if field.base not in _TYPES:
+            self._values.count(field.name)
+            return self.message(field.base) if field.is_message else self._string(field)
+        return self._numbers(_TYPES[field.base], 1)[0].item()
 
     def _string(self, field: Field) -> str:
         size = int(self._numbers(_COUNT, 1)[0])
@@ -158,6 +183,7 @@ class _Writer:
     def __init__(self, definition: TypeDefinition) -> None:
         self._definitions = definition.types
         self._data = bytearray()
+        self._values = _Values()
 
     def finish(self) -> bytes:
         return b'\0\1\0\0' + self._data
@@ -181,7 +207,7 @@ class _Writer:
         if field.base in _TYPES:
             values: Any = self._array(field, value)
         elif value is None:
-            values = [None] * field.size if field.array is Array.FIXED else ()
+            values = range(field.size) if field.array is Array.FIXED else ()
         elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
             values = value
         else:
@@ -197,9 +223,11 @@ class _Writer:
             self._numbers(values)
         else:
             for each in values:
-                self._value(field, each)
+                self._value(field, None if value is None else each)
 
     def _value(self, field: Field, value: Any) -> None:
+        if field.base not in _TYPES:
+            self._values.count(field.name)
         if field.is_message:
             self.message(field.base, {} if value is None else value)
         elif field.base == 'string':
@@ -216,37 +244,39 @@ class _Writer:
             raise CdrError(f'{field.name} cannot be written as UTF-8: {err}') from err
         if b'\0' in content or (field.string_size and len(content) > field.string_size):
             raise CdrError(f'{field.name} contains a NUL, or more than {field.string_size} bytes')
+        self._check_room(field, len(content))
         self._numbers(np.array([len(content) + 1], _COUNT))
         self._data += content + b'\0'
 
     def _array(self, field: Field, value: Any) -> np.ndarray[Any, Any]:
+        dtype = _TYPES[field.base]
         if value is None:
-            return np.zeros(field.size if field.array is Array.FIXED else 0, _TYPES[field.base])
-        if isinstance(value, bytes | bytearray | memoryview):
+            count = field.size if field.array is Array.FIXED else 0
+            self._check_room(field, count * dtype.itemsize)
+            return np.zeros(count, dtype)
+        if isinstance(value, bytes | bytearray):
             value = np.frombuffer(value, np.uint8)
         return self._checked(field, value)
 
     def _checked(self, field: Field, value: Any) -> np.ndarray[Any, Any]:
         """Return values as an array of the type of a field, if it can represent them."""
-        dtype = np.dtype(_TYPES[field.base])
         try:
-            given = np.asarray(value)
-            if given.ndim != 1 or (given.size and given.dtype.kind not in 'biuf'):
-                raise ValueError('not a number')
-            with np.errstate(invalid='ignore', over='ignore'):
-                converted = given.astype(dtype)
-            fits = (np.array_equal(np.isfinite(converted), np.isfinite(given))
-                    if dtype.kind == 'f' else np.array_equal(converted, given))
-        except (TypeError, ValueError, OverflowError) as err:
+            converted = convert_numbers(value, _TYPES[field.base])
+        except (BufferError, TypeError, ValueError, OverflowError) as err:
             raise CdrError(f'{field.name} is {field.base}, not {_shown(value)}') from err
-        if not fits:
+        if converted is None:
             raise CdrError(f'{field.name} is {field.base}, which {_shown(value)} does not fit')
+        self._check_room(field, converted.nbytes)
         return converted
+
+    def _check_room(self, field: Field, size: int) -> None:
+        if len(self._data) + size > _MAX_BYTES:
+            raise CdrError(f'{field.name} exceeds {_MAX_BYTES} bytes, which a message may have')
 
     def _numbers(self, values: np.ndarray[Any, Any]) -> None:
         if values.size:
             self._data += bytes(-len(self._data) % values.itemsize)
-            self._data += values.astype(values.dtype.newbyteorder('<')).tobytes()
+            self._data += values.astype(values.dtype.newbyteorder('<'), copy=False).tobytes()
 
 
 def _shown(value: Any) -> str:

@@ -37,7 +37,7 @@ _MAX_DEPTH = 30  # of types inside of types
 _MAX_SHOWN = 80  # characters of a text in an error
 _MAX_SIZE = 2**32 - 1  # of an array or a string in CDR
 _NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9_]*')
-_SEPARATOR = re.compile(r'^={40,}\s*^MSG: *(\S+) *$', re.MULTILINE)
+_SEPARATOR = re.compile(r'^={40,}\s*^MSG: *(\S+)[ \r]*$', re.MULTILINE)
 #: The field of a type without fields, of which C and IDL know none.
 PLACEHOLDER = 'structure_needs_at_least_one_member'
 # The parser of ROS writes on standard error, which belongs to the process.
@@ -181,7 +181,7 @@ def _known_text(name: str) -> str:
     """Return the text of a definition that is installed, or that this package contains."""
     package, _, short = name.split('/')
     own = files(__package__) / 'msg' / package / f'{short}.msg'
-    with suppress(LookupError, OSError, ValueError):  # not installed, or not a text
+    with suppress(ImportError, LookupError, OSError, ValueError):  # not installed, or no text
         from ament_index_python import get_package_share_directory
         path = Path(get_package_share_directory(package), 'msg', f'{short}.msg')
         if path.stat().st_size <= _MAX_TEXT:

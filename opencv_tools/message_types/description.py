@@ -25,21 +25,19 @@ import json
 from typing import Any
 
 from opencv_tools.message_types.definition import Array, Definition, Field, TypeDefinition
+from opencv_tools.message_types.primitives import PRIMITIVES
 
-# Numbers of type_description_interfaces/msg/FieldType. In a .msg file, char is uint8.
-_MESSAGE, _BOUNDED_STRING, _BOUNDED_WSTRING = 1, 21, 22
-_NUMBERS = {'int8': 2, 'uint8': 3, 'char': 3, 'int16': 4, 'uint16': 5, 'int32': 6, 'uint32': 7,
-            'int64': 8, 'uint64': 9, 'float32': 10, 'float64': 11, 'bool': 15, 'byte': 16,
-            'string': 17, 'wstring': 18}
-_BOUNDED = {'string': _BOUNDED_STRING, 'wstring': _BOUNDED_WSTRING}
+# Numbers of type_description_interfaces/msg/FieldType.
+_MESSAGE = 1
 _ARRAYS = {Array.NONE: 0, Array.FIXED: 48, Array.BOUNDED: 96, Array.UNBOUNDED: 144}
 
 
 def field_type_id(field: Field) -> int:
     """Return the number of the type of a field in type_description_interfaces/msg/FieldType."""
-    number = (_MESSAGE if field.is_message else _BOUNDED[field.base] if field.string_size
-              else _NUMBERS[field.base])
-    return number + _ARRAYS[field.array]
+    if field.is_message:
+        return _MESSAGE + _ARRAYS[field.array]
+    found = PRIMITIVES[field.base]
+    return (found.bounded_id if field.string_size else found.type_id) + _ARRAYS[field.array]
 
 
 def type_hash(definition: TypeDefinition) -> bytes:

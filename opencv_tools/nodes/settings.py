@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from opencv_tools.image.text import printable
 from opencv_tools.nodes.command_line import given_parameters
 from opencv_tools.nodes.parameters import parameter, parameter_table
 from opencv_tools.topics.errors import ParameterError
@@ -64,16 +65,24 @@ def read_start(
     :param node: name of the node, unless it is remapped.
     :returns: the real-time priority and the expected bytes of a published frame. Values that the
         node will refuse do not count.
+    :raises ParameterError: a value is an empty list, which ends rclpy with another exception.
     """
-    values: dict[str, Any] = {}
     try:
         given = given_parameters(args, node)
-        known = [found for found in parameter_table(settings) if found.name in given]
-        for found in known:
-            with suppress(ParameterError):
-                values[found.name] = found.accept(given[found.name])
+    except (OSError, RecursionError, ValueError, yaml.YAMLError):
+        return settings.priority, settings.FRAME_BYTES
+    for name, value in given.items():
+        if value == []:
+            raise ParameterError(f'parameter {printable(name)} is an empty list, which has no '
+                                 'type in ROS: leave it out')
+    known = [found for found in parameter_table(settings) if found.name in given]
+    values: dict[str, Any] = {}
+    for found in known:
+        with suppress(ParameterError):
+            values[found.name] = found.accept(given[found.name])
+    try:
         is_accepted = len(values) == len(known)
         frame_bytes = settings(**values).frame_bytes() if is_accepted else settings.FRAME_BYTES
-    except (OSError, RecursionError, ValueError, yaml.YAMLError):
+    except (OSError, RecursionError, ValueError):
         frame_bytes = settings.FRAME_BYTES
     return values.get('priority', settings.priority), frame_bytes

@@ -47,8 +47,7 @@ from opencv_tools.units import NANO
 
 _MAX_WAITING = 1000  # other messages between two frames
 
-
-# What a bag takes as one.
+# A frame, or other messages that are written together.
 _Prepared = RecordedImage | MessageBatch
 
 

@@ -73,6 +73,7 @@ class OpenFile(Generic[W]):
     :param writer: writer of the file.
     :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
     :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
+    :param is_described: whether the entry describes a frame, not only other messages.
     :param last_ns: the same of the last frame.
     """
 
@@ -81,6 +82,7 @@ class OpenFile(Generic[W]):
     writer: W
     offset_ns: int
     began_ns: int
+    is_described: bool
     last_ns: int = 0
 
     def time_ns(self, frame: ReceivedFrame) -> int:

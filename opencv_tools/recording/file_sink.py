@@ -141,6 +141,10 @@ class FileSink(Generic[W, P]):
             frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
         self._format.write_others(file.writer, prepared)
         file.last_ns = frame.arrival_ns
+        if frame.count and not file.is_described:
+            file.entry, file.is_described = self._format.entry(
+                file.entry.seq, file.entry.name, frame, prepared), True
+            self._folder.write_journal(file.entry)
         if self._ring:
             self._ring.make_room(replace(
                 file.entry, size=file.writer.size, frames=file.writer.frames + 1), file.last_ns)
@@ -194,7 +198,8 @@ class FileSink(Generic[W, P]):
             raise
         self._paths.add(path)
         return OpenFile(path=path, entry=entry, writer=writer, began_ns=frame.arrival_ns,
-                        offset_ns=frame.receive_ns - frame.arrival_ns)
+                        offset_ns=frame.receive_ns - frame.arrival_ns,
+                        is_described=frame.count > 0)
 
     def _end(self, file: OpenFile[W], reason: str = '') -> None:
         """
@@ -220,8 +225,10 @@ class FileSink(Generic[W, P]):
             self._ended += kept
             self._is_full = self._is_full or (writer.is_full and not self._ring)
             self.counts.skipped += skipped
-            if lost:
+            lost_others = writer.others if problem else 0
+            if lost or lost_others:
                 self.counts.lost += lost
+                self.counts.lost_others += lost_others
                 self.counts.reason = problem or reason or self._refusal
 
     def _add_line(self, file: OpenFile[W]) -> str:

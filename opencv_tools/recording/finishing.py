@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.finishing import finish_bag, has_footer
+from opencv_tools.bags.finishing import finish_and_count, finish_bag, has_footer
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.recording.folder import Finishers, Folder
 from opencv_tools.recording.video.unfinished import count_frames
@@ -42,10 +42,13 @@ def finish_bags(folder: Folder) -> None:
 
 
 def _finish_bag(path: Path) -> int | None:
+    """Finish a bag; return the number of its images, 0 for an empty bag."""
     try:
-        frames = finish_bag(path)
-        is_empty = frames is None and path.stat().st_size <= _BAG_HEADER_BYTES
-        return 0 if is_empty else frames
+        counts = finish_and_count(path)
+        if counts is None:
+            return 0 if path.stat().st_size <= _BAG_HEADER_BYTES else None
+        # A bag of other messages only has a line without frames.
+        return counts.images or (None if counts.messages else 0)
     except BagError:  # damaged, or the library of bags is not installed
         return None
 

@@ -55,6 +55,7 @@ class SinkCounts:
     :param kept: frames that are complete in files; decreases when a file is lost.
     :param lost: frames that were accepted but are in no file.
     :param skipped: frames that were accepted but exceeded the limits.
+    :param lost_others: other messages that were written, but are in no file any more.
     :param reason: reason for the latest loss.
     :param warning: sentence about the frames that the user should read; '' for none.
     """
@@ -62,6 +63,7 @@ class SinkCounts:
     kept: int = 0
     lost: int = 0
     skipped: int = 0
+    lost_others: int = 0
     reason: str = ''
     warning: str = ''
 
@@ -251,6 +253,10 @@ class Recorder(Generic[P]):
         self._seen = now
         for _ in range(now.lost - seen.lost):
             self._failure_log.write_failed(f'a frame was not written: {now.reason}')
+        if now.lost_others > seen.lost_others:
+            self.is_unfinished = True
+            self._log.error(f'{now.lost_others - seen.lost_others} messages of topics are lost: '
+                            f'{now.reason}')
         if now.warning != seen.warning:
             self._log.warning(now.warning)
         if now.kept > seen.kept:

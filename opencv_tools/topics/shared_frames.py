@@ -40,7 +40,7 @@ class SharedFrames:
     Receive the frames that publishers on this machine share; used in the executor only.
 
     Frames are shared while all publishers of the topic share theirs. The numbers in the header of
-    each frame tell at which frame the image topic ends and the shared memory begins, see `Way`.
+    each frame show at which frame the image topic ends and the shared memory begins, see `Way`.
     """
 
     def __init__(

@@ -32,7 +32,10 @@ from type_description_interfaces.srv import GetTypeDescription
 
 _ANSWER_SECONDS = 20.0
 _REPEAT_SECONDS = 2.0  # rmw_fastrtps drops an answer to a client that it discovers late
+_FORGOTTEN_SECONDS = 60.0  # after the last call for a publisher, which has left
+_MAX_QUESTIONS = 100  # at the same time; others wait for their turn
 _MAX_TEXT = 1 << 18  # characters of an answer
+_PARTICIPANT_BYTES = 12  # of an identifier of DDS, which name the process
 _UNKNOWN_HASH = 'INVALID'  # of a publisher that names none
 
 
@@ -41,9 +44,15 @@ class _Question:
     """A question to a node about a type."""
 
     deadline: float
+    wanted_at: float  # time of the last call of ``find`` for it
     client: Any = None  # until the name of the node is discovered
     asked_at: float = 0.0
     futures: list[Future] = field(default_factory=list)
+
+
+# Type, hash, node that is asked ('' until its name is discovered), and its process, because a node
+# that was started again is asked anew.
+_Key = tuple[str, str, str, bytes]
 
 
 class TopicTypes:
@@ -61,7 +70,7 @@ class TopicTypes:
         :param node: node that asks; its executor has to spin.
         """
         self._node = node
-        self._questions: dict[tuple[str, str], _Question] = {}
+        self._questions: dict[_Key, _Question] = {}  # the longest not wanted first
         self._found: dict[tuple[str, str], TypeDefinition] = {}
 
     def find(self, publisher: TopicEndpointInfo) -> TypeDefinition | None:
@@ -72,22 +81,41 @@ class TopicTypes:
         :raises DefinitionError: the definition cannot be found.
         """
         name, wanted = full_name(publisher.topic_type), str(publisher.topic_type_hash)
-        key = name, wanted
-        if key not in self._found:
+        self._forget_old()
+        if (name, wanted) not in self._found:
+            node = '' if publisher.node_name == UNKNOWN_NODE else (
+                f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}')
+            process = bytes(publisher.endpoint_gid)[:_PARTICIPANT_BYTES]
+            key = name, wanted, node, process
             known = None if key in self._questions else _known(name, wanted)
-            found = known or self._ask(key, publisher)
+            found = known or self._ask(key)
             if found is None:
                 return None
-            self._found[key] = found
-        return self._found[key]
+            self._found[name, wanted] = found
+        return self._found[name, wanted]
 
-    def _ask(self, key: tuple[str, str], publisher: TopicEndpointInfo) -> TypeDefinition | None:
-        """Ask the node of a publisher, and return its answer when that is here."""
-        name, wanted = key
-        node = f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'
+    def _forget_old(self) -> None:
+        """End the questions about publishers that have left."""
         now = time.monotonic()
-        question = self._questions.setdefault(key, _Question(now + _ANSWER_SECONDS))
-        if question.client is None and publisher.node_name != UNKNOWN_NODE:
+        while self._questions:
+            key, question = next(iter(self._questions.items()))
+            if now < question.wanted_at + _FORGOTTEN_SECONDS:
+                break
+            self._end(key)
+
+    def _ask(self, key: _Key) -> TypeDefinition | None:
+        """Ask the node of a publisher, and return its answer when that is here."""
+        name, wanted, node, process = key
+        now = time.monotonic()
+        question = self._questions.pop(key, None) or self._questions.pop(
+            (name, wanted, '', process), None)
+        if question is None:
+            if len(self._questions) >= _MAX_QUESTIONS:
+                return None
+            question = _Question(now + _ANSWER_SECONDS, now)
+        question.wanted_at = now
+        self._questions[key] = question  # now the last one
+        if question.client is None and node:
             try:
                 question.client = self._node.create_client(
                     GetTypeDescription, f'{node}/get_type_description')
@@ -109,10 +137,11 @@ class TopicTypes:
             return None
         self._end(key)
         raise DefinitionError(
-            f'the definition of {name} is not installed, and {printable(node)} has not told it '
-            f'within {_ANSWER_SECONDS:g} s; install the package {name.partition("/")[0]}')
+            f'the definition of {name} is not installed, and {printable(node) or "its node"} '
+            f'has not sent it within {_ANSWER_SECONDS:g} s; install the package '
+            f'{name.partition("/")[0]}')
 
-    def _end(self, key: tuple[str, str]) -> None:
+    def _end(self, key: _Key) -> None:
         client = self._questions.pop(key).client
         if client:
             self._node.destroy_client(client)

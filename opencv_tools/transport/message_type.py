@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+import hashlib
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,6 +29,8 @@ from opencv_tools.transport.type_support import hash_of, TypeSupport
 
 _MAX_TYPES = 1000  # that are made in a process; they remain until it ends
 _made: dict[str, type] = {}
+# The class, or the error, of each name and digest of a text, because a text may take a second.
+_results: dict[tuple[str, bytes], type | str] = {}
 _lock = Lock()
 
 
@@ -45,10 +49,28 @@ def message_type(name: str, text: str | None = None) -> type:
         another definition.
     """
     name = full_name(name)
-    compiled = _import(name)
-    if compiled and text is None:
-        return compiled
+    if text is None:
+        return _import(name) or _make(name, None)
+    key = name, hashlib.sha256(text.encode(errors='surrogatepass')).digest()
+    result = _results.get(key)
+    if result is None:
+        try:
+            result = _make(name, text)
+        except DefinitionError as err:
+            result = str(err)
+        with _lock:
+            _results[key] = result
+            if len(_results) > _MAX_TYPES:
+                del _results[next(iter(_results))]
+    if isinstance(result, str):
+        raise DefinitionError(result)
+    return result
+
+
+def _make(name: str, text: str | None) -> type:
+    """Return the compiled class if it has the definition, else one that is made from it."""
     made = TypeSupport(read_definition(name, text))
+    compiled: Any = _import(name)
     if compiled and hash_of(compiled) == made.type_hash:
         return compiled
     with _lock:
@@ -66,11 +88,13 @@ def message_type(name: str, text: str | None = None) -> type:
 def _import(name: str) -> Any:
     """Return the compiled class of a type, or None; no other module than its own is imported."""
     package, _, short = name.split('/')
-    found = find_spec(package)
-    for folder in (found and found.submodule_search_locations) or ():
-        if any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*')):
-            compiled: Any = getattr(import_module(f'{package}.msg'), short, None)
-            if compiled and type(compiled)._TYPE_SUPPORT is None:
-                type(compiled).__import_type_support__()
-            return compiled
+    # A package may have services only, or be broken.
+    with suppress(ImportError, ValueError):
+        found = find_spec(package)
+        for folder in (found and found.submodule_search_locations) or ():
+            if any(Path(folder).glob(f'{package}_s__rosidl_typesupport_c*')):
+                compiled: Any = getattr(import_module(f'{package}.msg'), short, None)
+                if compiled and type(compiled)._TYPE_SUPPORT is None:
+                    type(compiled).__import_type_support__()
+                return compiled
     return None

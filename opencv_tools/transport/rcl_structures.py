@@ -79,8 +79,8 @@ class RclBufferImage(ctypes.Structure):
 IMAGE_LAYOUTS: tuple[type[ctypes.Structure], ...] = (RclImage, RclBufferImage)
 
 
-class RclImages(ctypes.Structure):
-    """A sensor_msgs__msg__Image__Sequence."""
+class RclSequence(ctypes.Structure):
+    """A sequence of rosidl_runtime_c, such as a sensor_msgs__msg__Image__Sequence."""
 
     _fields_ = (('data', ctypes.c_void_p), ('size', ctypes.c_size_t),
                 ('capacity', ctypes.c_size_t))

@@ -33,14 +33,12 @@ from typing import Any
 
 from opencv_tools.message_types.definition import Array, TypeDefinition
 from opencv_tools.message_types.description import field_type_id, type_hash
+from opencv_tools.message_types.primitives import PRIMITIVES
+from opencv_tools.transport.rcl_structures import RclSequence, RclString
 
 _FASTRTPS, _INTROSPECTION = (
     b'rosidl_typesupport_fastrtps_c', b'rosidl_typesupport_introspection_c')
-# Numbers of rosidl_typesupport_introspection_c/field_types.h.
-_MESSAGE = 18
-_NUMBERS = {'float32': 1, 'float64': 2, 'bool': 6, 'byte': 7, 'uint8': 8, 'char': 8, 'int8': 9,
-            'uint16': 10, 'int16': 11, 'uint32': 12, 'int32': 13, 'uint64': 14, 'int64': 15,
-            'string': 16, 'wstring': 17}
+_MESSAGE = 18  # in rosidl_typesupport_introspection_c/field_types.h
 _HASH_VERSION = 1
 _HASH_BYTES = 32
 _UNBOUNDED = 0
@@ -88,47 +86,36 @@ class _TypeHash(ctypes.Structure):
     _fields_ = (('version', c_uint8), ('value', c_uint8 * _HASH_BYTES))
 
 
-class _String(ctypes.Structure):
-    """A rosidl_runtime_c__String."""
-
-    _fields_ = (('data', c_char_p), ('size', c_size_t), ('capacity', c_size_t))
-
-
-class _Sequence(ctypes.Structure):
-    """A sequence of rosidl_runtime_c."""
-
-    _fields_ = (('data', c_void_p), ('size', c_size_t), ('capacity', c_size_t))
-
-
 class _FieldType(ctypes.Structure):
     """A rosidl_runtime_c__type_description__FieldType."""
 
     _fields_ = (('type_id', c_uint8), ('capacity', c_uint64), ('string_capacity', c_uint64),
-                ('nested_type_name', _String))
+                ('nested_type_name', RclString))
 
 
 class _Field(ctypes.Structure):
     """A rosidl_runtime_c__type_description__Field."""
 
-    _fields_ = (('name', _String), ('type', _FieldType), ('default_value', _String))
+    _fields_ = (('name', RclString), ('type', _FieldType), ('default_value', RclString))
 
 
 class _Individual(ctypes.Structure):
     """A rosidl_runtime_c__type_description__IndividualTypeDescription."""
 
-    _fields_ = (('type_name', _String), ('fields', _Sequence))
+    _fields_ = (('type_name', RclString), ('fields', RclSequence))
 
 
 class _Description(ctypes.Structure):
     """A rosidl_runtime_c__type_description__TypeDescription."""
 
-    _fields_ = (('type_description', _Individual), ('referenced_type_descriptions', _Sequence))
+    _fields_ = (('type_description', _Individual), ('referenced_type_descriptions', RclSequence))
 
 
 class _Source(ctypes.Structure):
     """A rosidl_runtime_c__type_description__TypeSource."""
 
-    _fields_ = (('type_name', _String), ('encoding', _String), ('raw_file_contents', _String))
+    _fields_ = tuple((name, RclString) for name in (
+        'type_name', 'encoding', 'raw_file_contents'))
 
 
 _Pointer = ctypes.CFUNCTYPE(c_void_p, c_void_p)
@@ -181,7 +168,8 @@ class TypeSupport:
         """
         Create the class for ``create_publisher`` and ``create_subscription`` of rclpy.
 
-        It has no instances: messages are published and received as bytes.
+        It has no instances: messages are published and received as bytes. The class refers to
+        this object, and so keeps the structures.
         """
         def refuse(cls: type) -> None:
             raise TypeError(f'{self._name} has no messages in Python; publish bytes of CDR, and '
@@ -199,8 +187,7 @@ class TypeSupport:
             '_TYPE_SUPPORT': _new_capsule(self.address, None, None), **capsules,
             '__import_type_support__': classmethod(lambda cls: None)})
         created: type = metaclass(self._name.rpartition('/')[2], (), {
-            '__slots__': (), '__new__': refuse, '__doc__': f'The message type {self._name}.',
-            '_support': self})
+            '__slots__': (), '__new__': refuse, '__doc__': f'The message type {self._name}.'})
         return created
 
     def _keep(self, kept: Any) -> Any:
@@ -213,14 +200,14 @@ class TypeSupport:
     def _function(self, function: Any) -> int | None:
         return ctypes.cast(self._keep(function), c_void_p).value
 
-    def _string(self, text: str) -> _String:
+    def _string(self, text: str) -> RclString:
         encoded = text.encode(errors='replace')
-        return _String(self._keep(encoded), len(encoded), len(encoded) + 1)
+        return RclString(self._keep(encoded), len(encoded), len(encoded) + 1)
 
-    def _sequence(self, kind: Any, items: Any) -> _Sequence:
+    def _sequence(self, kind: Any, items: Any) -> RclSequence:
         values = [*items]
         array = self._keep((kind * len(values))(*values))
-        return _Sequence(addressof(array) if values else None, len(values), len(values))
+        return RclSequence(addressof(array) if values else None, len(values), len(values))
 
     def _individual(self, name: str) -> _Individual:
         return _Individual(self._string(name), self._sequence(_Field, (
@@ -240,7 +227,8 @@ class TypeSupport:
             fields = self._definitions[name].fields
             members = self._keep((_Member * len(fields))(*(
                 _Member(name=self._keep(field.name.encode()),
-                        type_id=_MESSAGE if field.is_message else _NUMBERS[field.base],
+                        type_id=(_MESSAGE if field.is_message
+                                 else PRIMITIVES[field.base].introspection),
                         string_upper_bound=field.string_size,
                         members=self._introspection(field.base) if field.is_message else None,
                         is_array=field.array is not Array.NONE, array_size=field.size,

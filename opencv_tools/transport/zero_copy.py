@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import encode_text, image_to_cdr, WireHeader, WireImage
 from opencv_tools.transport.rcl_structures import (
-    find_image_layout, image_converter, MessageInfo, RclImages, RclString, RcutilsAllocator,
+    find_image_layout, image_converter, MessageInfo, RclSequence, RclString, RcutilsAllocator,
     RcutilsErrorString, RmwGid, RmwSerializedMessage, serialized_layout_matches, UNNUMBERED,
 )
 # This import comes first, because it loads the libraries below from their location.
@@ -143,7 +143,7 @@ def use_rcl() -> str:
     rcutils.rcutils_get_default_allocator.restype = RcutilsAllocator
     rcutils.rcutils_get_error_string.restype = RcutilsErrorString
     sensor_msgs.sensor_msgs__msg__Image__fini.argtypes = [ctypes.c_void_p]
-    sensor_msgs.sensor_msgs__msg__Image__Sequence__create.restype = ctypes.POINTER(RclImages)
+    sensor_msgs.sensor_msgs__msg__Image__Sequence__create.restype = ctypes.POINTER(RclSequence)
     if not serialized_layout_matches(rcutils):
         return 'rmw_serialized_message_t has another layout'
     _image_layout = find_image_layout(sensor_msgs, image_converter())
@@ -216,7 +216,8 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Serializ
         _rcutils.rcutils_reset_error()
         return None
     _check(result)
-    return np.asarray(buffer), info
+    # A message without a byte has no buffer.
+    return np.asarray(buffer) if buffer else np.empty(0, np.uint8), info
 
 
 def take_image(subscription: rclpy_implementation.Subscription) -> TakenImage:

@@ -25,7 +25,7 @@ import numpy as np
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.transport import rcl_structures, zero_copy
 from opencv_tools.transport.rcl_structures import (
-    find_image_layout, image_converter, RclBufferImage, RclImage, RclImages)
+    find_image_layout, image_converter, RclBufferImage, RclImage, RclSequence)
 import pytest
 
 SOURCE = Path(__file__).with_name('lyrical_image.cpp')
@@ -37,8 +37,8 @@ def lyrical(tmp_path_factory: pytest.TempPathFactory) -> Any:
     subprocess.run(['g++', '-shared', '-fPIC', '-o', path, SOURCE], check=True)
     library = ctypes.CDLL(str(path))
     create = library.sensor_msgs__msg__Image__Sequence__create
-    create.restype = ctypes.POINTER(RclImages)
-    library.sensor_msgs__msg__Image__Sequence__destroy.argtypes = [ctypes.POINTER(RclImages)]
+    create.restype = ctypes.POINTER(RclSequence)
+    library.sensor_msgs__msg__Image__Sequence__destroy.argtypes = [ctypes.POINTER(RclSequence)]
     library.sensor_msgs__msg__Image__fini.argtypes = library.sum.argtypes = [ctypes.c_void_p]
     library.sum.restype = ctypes.c_uint64
     library.fill.argtypes = [

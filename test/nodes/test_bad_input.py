@@ -57,6 +57,8 @@ PUBLISHER = {
     'a stream that is not there': (
         FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
         'rtsp://127.0.0.1:9/x is not reachable: 127.0.0.1 port 9: Connection refused'),
+    'an empty list': (BAD_USAGE, {'topics': '[]'}, 'parameter topics is an empty list, which has '
+                      'no type in ROS: leave it out'),
     'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': give a camera"),
     'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'for example pattern:640x480@30'),
     'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},

@@ -255,7 +255,7 @@ def mute(node: Node) -> Any:
     ({GRIPPER: 'Part[] parts\n'}, 'the definition of my_robot_msgs/msg/Part is not known'),
     ({GRIPPER: '#' * 300_000}, f'of {GRIPPER} of /mute has 300000 characters; at most 262144'),
 ])
-def test_type_that_is_not_told(
+def test_type_that_is_not_sent(
         start: Start, node: Node, mute: Node, tmp_path: Path, texts: dict[str, str],
         said: str) -> None:
     def answer(

@@ -39,12 +39,14 @@ PLUGINS = {'.mcap': StoragePlugin.MCAP, '.db3': StoragePlugin.SQLITE3}
 
 
 class Entry(NamedTuple):
-    """A message to write."""
+    """A message to write, with the text of its type and the quality of service of its topic."""
 
     log_ns: int
     data: bytes
     topic: str = TOPIC
     type_name: str = IMAGE
+    definition: str = ''
+    qos: str = ''
 
 
 def header(number: int) -> WireHeader:
@@ -75,16 +77,18 @@ def write_mcap(path: Path, entries: Iterable[Entry], encoding: str = 'cdr',
     with path.open('wb') as file:
         writer = Writer(file, **options)
         writer.start('ros2', 'test')
-        channels: dict[tuple[str, str], int] = {}
-        schemas: dict[str, int] = {}
+        channels: dict[tuple[str, str, str], int] = {}
+        schemas: dict[tuple[str, str], int] = {}
         for number, entry in enumerate(entries):
-            if entry.type_name not in schemas:
-                schemas[entry.type_name] = writer.register_schema(
-                    entry.type_name, 'ros2msg', b'')
-            key = entry.topic, entry.type_name
+            schema = entry.type_name, entry.definition
+            if schema not in schemas:
+                schemas[schema] = writer.register_schema(
+                    entry.type_name, 'ros2msg', entry.definition.encode())
+            key = entry.topic, *schema
             if key not in channels:
                 channels[key] = writer.register_channel(
-                    entry.topic, encoding, schemas[entry.type_name])
+                    entry.topic, encoding, schemas[schema],
+                    {'offered_qos_profiles': entry.qos} if entry.qos else {})
             writer.add_message(
                 channels[key], entry.log_ns, entry.data, entry.log_ns // 2, number)
         writer.finish()

@@ -139,3 +139,14 @@ def test_exact_sum_of_20000_frames(
     (publisher_frames,) = subscriber.subscription._queue.order._publishers.values()
     assert received > 1000
     assert received + lost == publisher_frames.last
+
+
+def test_status_after_a_failure_of_the_topics(
+        create: Create, camera: Node, monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr('opencv_tools.nodes.subscriber.topic_recorder.matches', None)
+    camera.create_publisher(Image, '/other', 10)
+    subscriber, _ = create(file_name='a.mcap', topics='/other')
+    subscriber._topic_recorder._thread.join(DEADLINE)
+    assert subscriber.close() == 1
+    assert 'the topics are not recorded any more: TypeError' in capfd.readouterr().err

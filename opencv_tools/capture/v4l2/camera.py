@@ -184,7 +184,7 @@ class CameraSource:
         return CapturedFrame(image, self._pixel_format.encoding, stamp_ns)
 
     def _requeue(self) -> None:
-        """Let the driver fill the memory of the last frame and of the held one again."""
+        """Return the memory of the last frame and of the held one to the driver."""
         buffer = self._lent or self._held  # never both
         self._lent = self._held = None
         if buffer:

@@ -71,7 +71,7 @@ class Control:
 
     @property
     def remedy(self) -> str:
-        """Sentence that tells the user which values are valid."""
+        """Sentence with the valid values, for the user."""
         return f'give a number from {self.minimum} to {self.maximum}'
 
 

@@ -18,127 +18,47 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from threading import Condition, Thread
+from dataclasses import dataclass
+from threading import Thread
 import time
 
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.offered_qos import OfferedQos, read_offered_qos
 from opencv_tools.bags.open_bag import open_bag_file
-from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.bags.reading import BagMessage, BagTopic, Damage
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
-from opencv_tools.topics.topic_patterns import matches
+from opencv_tools.nodes.publisher.pace import Pace
+from opencv_tools.nodes.publisher.played_topics import playback_qos, played_topics
 from opencv_tools.transport.message_type import message_type
-from opencv_tools.units import NANO
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy
 
-_MAX_DEPTH = 1000
 _MAX_TOPICS = 500
 _WARNING_SECONDS = 10.0
 _CONFIRMATION_SECONDS = 2.0
-_MAX_WAIT_SECONDS = 3600.0  # times in a bag may be years apart
-_TRANSIENT_LOCAL, _BEST_EFFORT = 1, 2  # see OfferedQos
 
 
-class _Pace:
-    """The frames and the clock, at which the messages of a bag wait."""
+@dataclass(frozen=True)
+class _Playback:
+    """
+    A topic that is published.
 
-    def __init__(self, from_start: bool) -> None:
-        self.changed = Condition()
-        self.is_closed = False
-        self._from_start = from_start
-        self._frame: Recorded | None = None  # the newest frame
-        self._anchor: tuple[int, float] | None = None  # a time of the bag, and the time it was at
-        self._reached = -1, -1  # play and time of the image that the messages have come to
-        self._ended = -1  # play whose messages are published
-        self._is_finishing = False
+    :param publisher: its publisher.
+    :param message_class: class of the messages.
+    :param definition: text of their type; '' if the bag has none.
+    :param is_latched: whether late subscribers get the last messages.
+    """
 
-    def advance(self, frame: Recorded) -> None:
-        """Set the newest frame; the first one of a play waits for the messages before it."""
-        with self.changed:
-            is_first = self._frame is None or self._frame.play != frame.play
-            self._frame = frame
-            self.changed.notify_all()
-            if is_first:
-                self.changed.wait_for(
-                    lambda: self._reached >= (frame.play, frame.log_ns) or self._is_over)
-            self._anchor = frame.log_ns, time.monotonic()
-            self.changed.notify_all()
-
-    def finish(self) -> None:
-        """End at the next image, and wait for that."""
-        with self.changed:
-            self._is_finishing = True
-            self.changed.notify_all()
-            self.changed.wait_for(lambda: self._frame is None or self._is_over)
-
-    def close(self) -> None:
-        """End all waits."""
-        with self.changed:
-            self.is_closed = True
-            self.changed.notify_all()
-
-    def end_play(self, play: int) -> None:
-        """Tell that all messages of a play are published."""
-        with self.changed:
-            self._ended = play
-            self.changed.notify_all()
-
-    def next_play(self, last: Recorded | None) -> Recorded | None:
-        """Wait for the first frame of another play than that of a frame; None at the end."""
-        with self.changed:
-            while not self.is_closed and (
-                    self._frame is None or (last and self._frame.play == last.play)):
-                self.changed.wait()
-            self._anchor = None
-            return None if self.is_closed else self._frame
-
-    def waits_for_frame(self, play: int, log_ns: int) -> bool:
-        """Wait at an image until its frame or a later one is published; False at the end."""
-        with self.changed:
-            self._reached = play, log_ns
-            self.changed.notify_all()
-            self.changed.wait_for(lambda: (
-                self._is_finishing or self.is_closed or self._is_past(play, log_ns)))
-            return self._is_playing(play) and self._is_past(play, log_ns)
-
-    def waits_until_due(self, play: int, log_ns: int, is_before: bool) -> bool:
-        """
-        Wait until a message is due, or the next frame is published; return False at the end.
-
-        :param is_before: whether the message is before the first frame.
-        """
-        with self.changed:
-            while self._is_playing(play):
-                if self._anchor is None:
-                    self._anchor = log_ns, time.monotonic()
-                at_ns, at = self._anchor
-                seconds = (log_ns - at_ns) / NANO - (time.monotonic() - at)
-                if (seconds <= 0 or (is_before and not self._from_start)
-                        or (not is_before and self._is_past(play, log_ns))):
-                    return True
-                self.changed.wait(min(seconds, _MAX_WAIT_SECONDS))
-            return False
-
-    @property
-    def _is_over(self) -> bool:
-        return self.is_closed or (self._frame is not None and self._ended >= self._frame.play)
-
-    def _is_playing(self, play: int) -> bool:
-        return not self.is_closed and self._frame is not None and self._frame.play == play
-
-    def _is_past(self, play: int, log_ns: int) -> bool:
-        """Return whether a frame of a time or a later one is published."""
-        return self._frame is not None and (
-            self._frame.play, self._frame.log_ns) >= (play, log_ns)
+    publisher: Publisher
+    message_class: type
+    definition: str
+    is_latched: bool
 
 
 class TopicPlayer:
@@ -167,23 +87,29 @@ class TopicPlayer:
         self._image = source.topic
         self._paths = source.paths
         self._from_start = from_start
-        self._publishers = {
-            topic: publisher for topic in _wanted(source, patterns)[:_MAX_TOPICS]
-            if (publisher := self._create_publisher(topic)) is not None}
-        names = sorted(topic.name for topic in self._publishers)
+        wanted = played_topics(source, patterns)
+        if len(wanted) > _MAX_TOPICS:
+            log.warning(f'{len(wanted) - _MAX_TOPICS} topics of the bag are not published, from '
+                        f'{printable(wanted[_MAX_TOPICS].name)} on: {len(wanted)} match, '
+                        f'{_MAX_TOPICS} are the limit')
+        self._playbacks = {
+            topic: playback for topic in wanted[:_MAX_TOPICS]
+            if (playback := self._create_playback(topic, source.topics[topic])) is not None}
+        names = sorted(topic.name for topic in self._playbacks)
         if names:
             log.info(f'Publishing {len(names)} topics of the bag: {" ".join(names)}')
         else:
             log.warning(f'No topic of the bag is published: none matches {" ".join(patterns)}')
-        self._pace = _Pace(from_start)
+        self._pace = Pace(from_start)
         self._thread = Thread(target=self._run, name='topics', daemon=True)
         self._thread.start()
 
     def advance(self, frame: Recorded) -> None:
         """
-        Let the messages before a frame be published, then those after it at their times.
+        Publish the messages before a frame, and from now on those after it at their times.
 
-        The first frame of each play waits for the messages before it.
+        The first frame of each play waits for the messages before it, and for those after the
+        last frame of the play before.
         """
         self._pace.advance(frame)
 
@@ -191,10 +117,10 @@ class TopicPlayer:
         """Wait for the messages between the last frame and the next image, or for ``close``."""
         self._pace.finish()
         deadline = time.monotonic() + _CONFIRMATION_SECONDS
-        for publisher in self._publishers.values():
+        for playback in self._playbacks.values():
             seconds = deadline - time.monotonic()
             if seconds > 0 and not self._pace.is_closed:
-                publisher.wait_for_all_acked(Duration(seconds=seconds))
+                playback.publisher.wait_for_all_acked(Duration(seconds=seconds))
 
     def close(self) -> None:
         """End the playback."""
@@ -214,7 +140,8 @@ class TopicPlayer:
         """Publish the messages of one play, whose first frame has a time in the bag."""
         for message in self._messages():
             is_image, is_before = message.topic == self._image, message.log_ns < first_ns
-            if is_before and (is_image or not (self._from_start or _is_latched(message.topic))):
+            if is_before and (is_image or not (
+                    self._from_start or self._playbacks[message.topic].is_latched)):
                 continue
             if is_image:
                 if not self._pace.waits_for_frame(play, message.log_ns):
@@ -228,13 +155,16 @@ class TopicPlayer:
         """Yield the messages of the topics, and the images."""
         for path in self._paths:
             with closing(open_bag_file(path)) as reader:
-                for message in reader.messages([self._image, *self._publishers]):
+                for message in reader.messages([self._image, *self._playbacks]):
                     if isinstance(message, Damage):
                         self._log.warning(message.reason, every=_WARNING_SECONDS, key='damage')
                     else:
                         yield message
 
     def _publish(self, message: BagMessage) -> None:
+        playback = self._playbacks[message.topic]
+        if not self._has_type(message.topic, playback):
+            return
         try:
             serialized = bytes(decompressed_message(message.load()))
         except (BagError, OSError) as err:
@@ -242,46 +172,32 @@ class TopicPlayer:
                 f'a message of {printable(message.topic.name)} cannot be read: {err}',
                 every=_WARNING_SECONDS, key=message.topic.name)
         else:
-            self._publishers[message.topic].publish(serialized)
+            playback.publisher.publish(serialized)
             self.count += 1
 
-    def _create_publisher(self, topic: BagTopic) -> Publisher | None:
+    def _has_type(self, topic: BagTopic, playback: _Playback) -> bool:
+        """Return whether messages have the type that is published; log it once if not."""
+        if topic.definition in ('', playback.definition):
+            return True
         try:
-            return self._node.create_publisher(
-                message_type(full_name(topic.type_name), topic.definition or None), topic.name,
-                _qos(topic))
+            if message_type(full_name(topic.type_name),
+                            topic.definition) is playback.message_class:
+                return True
+        except DefinitionError:
+            pass
+        self._log.warning(
+            f'messages of {printable(topic.name)} are not published: their definition of '
+            f'{printable(topic.type_name)} is not that of the first ones',
+            once=f'definition of {topic.name}')
+        return False
+
+    def _create_playback(self, topic: BagTopic, count: int) -> _Playback | None:
+        try:
+            message_class = message_type(full_name(topic.type_name), topic.definition or None)
+            qos = playback_qos(topic, count)
+            publisher = self._node.create_publisher(message_class, topic.name, qos)
         except (DefinitionError, RuntimeError, ValueError) as err:
             self._log.warning(f'{printable(topic.name)} is not published: {printable(err)}')
             return None
-
-
-def _wanted(source: BagSource, patterns: Sequence[str]) -> list[BagTopic]:
-    """Return the topics that match, without those that are published with the images."""
-    info = BagTopic(camera_info_topic(source.topic.name), CAMERA_INFO)
-    return sorted((topic for topic in source.topics - {source.topic, info}
-                   if topic.serialization == CDR
-                   and matches(topic.name, patterns)),
-                  key=lambda topic: topic.name)
-
-
-def _offer(topic: BagTopic) -> OfferedQos:
-    """Return what all publishers of a topic have offered."""
-    offers = read_offered_qos(topic.qos) or [OfferedQos()]
-    return OfferedQos(
-        depth=max(offer.depth for offer in offers),
-        reliability=max(offer.reliability for offer in offers),
-        durability=max(offer.durability for offer in offers))
-
-
-def _is_latched(topic: BagTopic) -> bool:
-    return _offer(topic).durability == _TRANSIENT_LOCAL
-
-
-def _qos(topic: BagTopic) -> QoSProfile:
-    offer = _offer(topic)
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST, depth=min(max(1, offer.depth), _MAX_DEPTH),
-        reliability=(ReliabilityPolicy.BEST_EFFORT if offer.reliability == _BEST_EFFORT
-                     else ReliabilityPolicy.RELIABLE),
-        durability=(DurabilityPolicy.TRANSIENT_LOCAL if offer.durability == _TRANSIENT_LOCAL
-                    else DurabilityPolicy.VOLATILE))
+        return _Playback(publisher, message_class, topic.definition,
+                         qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)

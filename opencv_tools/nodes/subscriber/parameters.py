@@ -90,7 +90,8 @@ class RecorderSettings(NodeSettings):
         0, 'Number of recorded frames after which the node exits; 0 for no limit',
         bounds=(0, 10**9), ends=True)
     max_duration: float = parameter(
-        0.0, 'Duration of the recording in seconds, counted from the first frame; 0 for no limit',
+        0.0, 'Duration of the recording in seconds, counted from the first frame or message of '
+        'topics; 0 for no limit',
         bounds=(0, 1e9), ends=True)
     max_bytes: int = parameter(
         0, 'Maximum size of all files together in bytes, after which the node exits; 0 for no '

@@ -260,3 +260,11 @@ def test_cut_file_raises_nothing_else_than_bag_errors(
         tmp_path_factory: pytest.TempPathFactory, whole: bytes) -> None:
     for size in range(0, len(whole), 97):
         read_damaged(tmp_path_factory, whole[:size])
+
+
+def test_quality_of_service_that_is_computed(path: Path) -> None:
+    change(path, 'DROP TABLE topics', 'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, '
+           'type TEXT, serialization_format TEXT, offered_qos_profiles TEXT GENERATED ALWAYS AS '
+           '(hex(zeroblob(400000000))))')
+    with pytest.raises(BagError, match='its table topics is missing or has other columns'):
+        Db3Reader(path)

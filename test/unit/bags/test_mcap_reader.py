@@ -29,6 +29,7 @@ from hypothesis import given, settings, strategies
 import lz4.frame
 from mcap.writer import CompressionType, IndexType
 import numpy as np
+from opencv_tools.bags import reading
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
 from opencv_tools.bags.reading import BagMessage, BagTopic, MAX_BYTES
@@ -388,3 +389,38 @@ def test_missing_decompressor_is_named_with_its_remedy(
     messages, reports = read_all(path)
     assert messages == [] and len(reports) == 1
     assert f'it needs {name}' in reports[0] and "install it with 'pip install mcap'" in reports[0]
+
+
+@pytest.mark.parametrize('is_indexed', [True, False])
+def test_texts_of_many_topics_are_kept_once(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_indexed: bool) -> None:
+    entries = [Entry(number, b'', f'/{number}', 'a_msgs/msg/A', 1000 * 'a', 1000 * 'q')
+               for number in range(50)]
+    path = write_mcap(tmp_path / 'a.mcap', entries, **(
+        {} if is_indexed else {'index_types': IndexType.NONE, 'use_statistics': False}))
+    reader = McapReader(path)
+    reader.close()
+    assert len(reader.topics) == 50
+    for kept in ('definition', 'qos'):
+        assert len({id(getattr(topic, kept)) for topic in reader.topics}) == 1
+        assert len(getattr(next(iter(reader.topics)), kept)) == 1000
+
+
+def test_limit_of_all_texts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(reading, '_MAX_TEXTS', 2500)
+    entries = [Entry(number, b'', f'/{number}', f'a_msgs/msg/A{number}', 1000 * f'{number}')
+               for number in range(5)]
+    reader = McapReader(write_mcap(tmp_path / 'a.mcap', entries))
+    reader.close()
+    assert [len(topic.definition) for topic in reader.topics] == [1000, 1000, 0, 0, 0]
+
+
+@pytest.mark.process
+def test_many_topics_with_a_large_type_need_little_memory(tmp_path: Path) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', (Entry(
+        number, b'', f'/{number}', 'a_msgs/msg/A', (1 << 18) * '#') for number in range(4000)))
+    assert path.stat().st_size < 1_000_000
+    assert peak_memory(
+        'import sys\nfrom pathlib import Path\n'
+        'from opencv_tools.bags.mcap_reader import McapReader\n'
+        'McapReader(Path(sys.argv[1]))', path) < 200_000

@@ -272,3 +272,24 @@ def test_written_pages_are_freed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     # The first call starts the writing. The second one frees the pages, except for the last ones.
     assert starts.count(0) == 2 and starts.count(max(starts)) == 1 and max(starts) < size
     assert {entry[1:] for entry in freed} == {(part, os.POSIX_FADV_DONTNEED)}
+
+
+def test_two_definitions_of_a_type(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'a.mcap')
+    for topic, definition in (('/a', 'int8 a'), ('/b', 'int8 b'), ('/c', 'int8 a')):
+        writer.write(BagChannel(topic=topic, type_name='my_msgs/msg/A', definition=definition),
+                     [b'\0\1\0\0\7'], log_ns=NANO, publish_ns=0)
+    writer.close()
+    with (tmp_path / 'a.mcap').open('rb') as file:
+        summary = SeekingReader(file).get_summary()
+    assert {channel.topic: summary.schemas[channel.schema_id].data.decode()
+            for channel in summary.channels.values()} == {
+        '/a': 'int8 a', '/b': 'int8 b', '/c': 'int8 a'}
+    assert len(summary.schemas) == 2
+
+
+def test_message_without_a_byte(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / 'a.mcap')
+    writer.write(CHANNEL, [np.empty(0, np.uint8)], log_ns=NANO, publish_ns=0)
+    writer.close()
+    assert [stored.data for stored in read_streaming(tmp_path / 'a.mcap')] == [b'']

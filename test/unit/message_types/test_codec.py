@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from array import array
 import tracemalloc
 from typing import Any
 
@@ -24,6 +25,7 @@ from installed_messages import (
     compiled_class, installed_texts, installed_type, random_message, SEPARATOR)
 import numpy as np
 from opencv_tools.image.errors import CdrError
+from opencv_tools.message_types import codec as module
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import read_definition
 import pytest
@@ -113,7 +115,8 @@ def test_arrays_are_views() -> None:
     ({'pair': [[1, 2]]}, 'pair is uint16'), ({'pair': [-1, 0]}, 'does not fit'),
     ({'few': [1] * 4}, 'few has 4 values, 3 are the most'),
     ({'name': 5}, 'name is a string, not 5'), ({'name': '12345'}, 'more than 4 bytes'),
-    ({'name': 'a\0'}, 'contains a NUL'), ({'name': '\ud800'}, 'cannot be written as UTF-8'),
+    ({'name': 'ééé'}, 'more than 4 bytes'), ({'name': 'a\0'}, 'contains a NUL'),
+    ({'name': '\ud800'}, 'cannot be written as UTF-8'),
     ({'others': 'ab'}, "others is an array, not 'ab'"), ({'others': {}}, 'is an array, not {}'),
     ({'others': 5}, 'others is an array, not 5'), ({'others': [5]}, '5 is not a mapping'),
     ({'others': [{'words': ['a'] * 3}]}, 'words has 3 values'),
@@ -165,3 +168,67 @@ def test_any_bytes_are_read_or_refused(codec: MessageCodec, data: bytes, head: b
     except CdrError:
         return
     assert plain(codec.read(codec.write(found))) == pytest.approx(plain(found), nan_ok=True)
+
+
+def test_arrays_are_read_only() -> None:
+    codec = MessageCodec(read_definition('a/A', 'uint8[] data'))
+    found = codec.read(bytearray(codec.write({'data': b'abc'})))['data']
+    assert not found.flags.writeable
+
+
+@pytest.mark.parametrize(('fields', 'value', 'expected'), [
+    ('uint64[] v', [1, 2**63 + 1], [1, 2**63 + 1]),
+    ('int64[] v', [2**53 + 1, 0.0], [2**53 + 1, 0]),
+    ('int64[] v', np.array([-2.0**63]), [-2**63]),
+    ('bool[] v', [1.0, 0.0], [True, False]),
+    ('float32[] v', memoryview(array('f', [1.0, 2.5])), [1.0, 2.5]),
+    ('float32[] v', array('f', [1.0, 2.5]), [1.0, 2.5]),
+    ('int8[] v', memoryview(array('d', [1.0, 2.0])), [1, 2]),
+    ('uint8[] v', memoryview(b'abcdef')[::2], [*b'ace']),
+    ('uint8[] v', memoryview(b''), []),
+    ('int16[] v', (), []),
+    ('int16[] v', np.arange(6)[::2], [0, 2, 4]),
+    ('float32[] v', np.arange(6.0)[::2], [0.0, 2.0, 4.0])])
+def test_exact_numbers(fields: str, value: Any, expected: list[Any]) -> None:
+    codec = MessageCodec(read_definition('a/A', fields))
+    assert plain(codec.read(codec.write({'v': value}))) == {'v': expected}
+
+
+@pytest.mark.parametrize(('fields', 'value'), [
+    ('int64[] v', [2.0**63]), ('int64[] v', np.array([2.0**63])), ('uint64[] v', [-1.0]),
+    ('uint64[] v', np.array([-1])), ('int64[] v', np.array([2**63 + 1], np.uint64)),
+    ('uint64[] v', [2.0**64, 1]), ('int32[] v', [1.5]), ('bool[] v', [2.0]),
+    ('int8[] v', [float('inf')]), ('uint8[] v', np.array([255.5]))])
+def test_numbers_that_do_not_fit(fields: str, value: Any) -> None:
+    codec = MessageCodec(read_definition('a/A', fields))
+    with pytest.raises(CdrError, match='does not fit'):
+        codec.write({'v': value})
+
+
+def test_buffer_that_is_not_contiguous() -> None:
+    codec = MessageCodec(read_definition('a/A', 'uint8[] data'))
+    twice = np.repeat(np.frombuffer(codec.write({'data': b'abc'}), np.uint8), 2)
+    assert bytes(codec.read(twice[::2])['data']) == b'abc'
+    with pytest.raises(CdrError, match='0 bytes that are not plain CDR'):
+        codec.read(np.empty(0, np.uint8))
+
+
+def test_limits_of_a_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    levels = ''.join(f'{SEPARATOR}a/B{level}\nB{level + 1}[2] x' for level in range(25))
+    levels += f'{SEPARATOR}a/B25\nint8 x'
+    monkeypatch.setattr(module, '_MAX_VALUES', 1000)
+    with pytest.raises(CdrError, match='follows 1000 messages and strings, which are the most'):
+        MessageCodec(read_definition('a/A', f'B0 a{levels}')).write({})
+    empty = MessageCodec(read_definition('a/A', f'B[] x{SEPARATOR}a/B\n'))
+    assert len(empty.read(empty.write({'x': 1000 * [{}]}))['x']) == 1000
+    with pytest.raises(CdrError, match='x follows 1000 messages'):
+        empty.read(HEAD + (1001).to_bytes(4, 'little') + bytes(1001))
+    texts = MessageCodec(read_definition('a/A', 'string[] x'))
+    with pytest.raises(CdrError, match='x follows 1000 messages and strings'):
+        texts.write({'x': 1001 * ['']})
+    monkeypatch.setattr(module, '_MAX_BYTES', 5000)
+    for fields, message in (
+            ('uint8[4294967295] x', {}), ('uint8[] x', {'x': bytes(6000)}),
+            ('string x', {'x': 'a' * 6000}), ('float64[500] x\nfloat64[500] y', {})):
+        with pytest.raises(CdrError, match='exceeds 5000 bytes'):
+            MessageCodec(read_definition('a/A', fields)).write(message)

@@ -16,8 +16,11 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+import sys
 import time
+from typing import Any
 
 from hypothesis import example, given, settings, strategies
 from installed_messages import compiled_class, installed_texts, installed_type, SEPARATOR
@@ -25,8 +28,11 @@ from opencv_tools.message_types import definition
 from opencv_tools.message_types.definition import (
     Array, DefinitionError, Field, full_name, PLACEHOLDER, read_definition)
 from opencv_tools.message_types.description import type_hash
+from opencv_tools.message_types.primitives import PRIMITIVES
 from opencv_tools.transport.type_support import hash_of
 import pytest
+from rosidl_adapter import parser
+from type_description_interfaces.msg import FieldType
 
 TEXT = 'int32 a'
 
@@ -149,3 +155,51 @@ def test_any_text_is_read_or_refused(text: str) -> None:
     else:
         assert len(type_hash(found)) == 32
     assert time.process_time() - began < 5
+
+
+def test_lines_of_windows() -> None:
+    text = f'B b\r\nint8 a\r\n{SEPARATOR}a/B\nstring s\r\n'.replace('=\nMSG', '=\r\nMSG').replace(
+        'a/B\n', 'a/B\r\n')
+    found = read_definition('a/A', text)
+    assert [*found.types] == ['a/msg/A', 'a/msg/B']
+    assert found.types['a/msg/B'].fields == (Field('s', 'string'),)
+
+
+@pytest.mark.parametrize(('name', 'text'), [('std_msgs/Header', None), ('a/A', TEXT)])
+def test_without_ros(monkeypatch: pytest.MonkeyPatch, name: str, text: str | None) -> None:
+    for module in ('ament_index_python', 'rosidl_adapter', 'rosidl_adapter.parser'):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(DefinitionError, match=r'is not known|rosidl_adapter, a part of ROS'):
+        read_definition(name, text)
+
+
+def test_one_thread_at_a_time_silences_the_parser(monkeypatch: pytest.MonkeyPatch) -> None:
+    parse, running, most = parser.parse_message_string, [], []
+
+    def parse_slowly(*arguments: Any) -> Any:
+        running.append(arguments)
+        time.sleep(0.01)
+        most.append(len(running))
+        running.pop()
+        return parse(*arguments)
+
+    monkeypatch.setattr(parser, 'parse_message_string', parse_slowly)
+    before = sys.stderr
+    with ThreadPoolExecutor(4) as threads:
+        [*threads.map(lambda number: read_definition(f'a/A{number}', TEXT), range(8))]
+    assert most == 8 * [1]
+    assert sys.stderr is before
+
+
+def test_numbers_of_the_primitive_types() -> None:
+    for name, primitive in PRIMITIVES.items():
+        known = {'char': 'UINT8', 'float32': 'FLOAT', 'float64': 'DOUBLE', 'bool': 'BOOLEAN'}.get(
+            name, name.upper())
+        assert primitive.type_id == getattr(FieldType, f'FIELD_TYPE_{known}'), name
+        assert primitive.bounded_id == getattr(FieldType, f'FIELD_TYPE_BOUNDED_{known}', 0), name
+
+
+def test_hash_of_bounded_strings() -> None:
+    definition = read_definition('a/A', 'wstring<=3 a\nstring<=3[<=2] b')
+    assert type_hash(definition).hex() == (
+        'da992b11c8b45e896acfc0086753ad2d72f8c4785aa0208ad660eb2ac7685a79')

@@ -28,8 +28,11 @@ from opencv_tools.nodes.publisher.loop import PublishLoop
 from opencv_tools.nodes.publisher.parameters import PARAMETERS, PublisherSettings
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
+from played_bags import Entry, image_entry, write_mcap
 import pytest
 from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 
@@ -87,3 +90,30 @@ def test_rate_of_lines_about_the_same_broken_frame(
     output = capfd.readouterr().err
     assert [output.count(f'frame dropped: reason {reason}') for reason in 'ab'] == [1, 2]
     assert loop.summary().endswith(', 6 dropped')
+
+
+def bag_with_messages(folder: Path) -> Path:
+    """Create a bag of three images, with a message before each."""
+    images = [image_entry(number) for number in range(3)]
+    said = [Entry(image.log_ns - 1, bytes(serialize_message(String(data='a'))), '/said',
+                  'std_msgs/msg/String') for image in images]
+    return write_mcap(folder / 'a.mcap', sorted([*images, *said]))
+
+
+@pytest.mark.parametrize(('first', 'count'), [(0, 3), (1, 1)])
+def test_messages_before_the_first_frame(
+        node: Node, tmp_path: Path, first: int, count: int) -> None:
+    loop = create_loop(node, source=str(bag_with_messages(tmp_path)), topics='/said',
+                       publish_rate=0.0, start_frame=first)
+    assert loop.run() == EXIT_OK
+    assert loop.summary().endswith(f'; {count} messages of other topics')
+    loop.stop()
+
+
+def test_stop_ends_the_other_topics(node: Node, tmp_path: Path) -> None:
+    loop = create_loop(node, source=str(bag_with_messages(tmp_path)), topics='/said')
+    assert loop.run() == EXIT_OK
+    thread = loop._topic_player._thread
+    assert thread.is_alive()
+    loop.stop()
+    assert not thread.is_alive()

@@ -30,7 +30,7 @@ import sys
 import time
 
 from bag_readers import decode, read_by_all, read_indexed
-from conftest import disk_of, read_manifest, recorded_files
+from conftest import DEADLINE, disk_of, read_manifest, recorded_files
 from console import Console
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
@@ -43,6 +43,8 @@ from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
 from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError
+from opencv_tools.recording.finishing import finish_bags
+from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
@@ -221,6 +223,36 @@ def test_bag_without_frames(tmp_path: Path) -> None:
     bags.close()
     assert len(read_by_all(tmp_path / 'drive.mcap')) == 3
     assert lines(tmp_path) == [('drive.mcap', 0)]
+
+
+@pytest.mark.parametrize('with_frame', [False, True])
+def test_killed_recording_that_begins_with_a_batch(tmp_path: Path, with_frame: bool) -> None:
+    bags = open_bags(tmp_path)
+    put(bags, batch(1, 3))
+    if with_frame:
+        put(bags, frame(4))
+    journal, = tmp_path.glob('.*')
+    kept, content = journal.read_bytes(), (tmp_path / 'drive.mcap').read_bytes()
+    bags.close()
+    (tmp_path / 'manifest.jsonl').unlink()
+    journal.write_bytes(kept)
+    (tmp_path / 'drive.mcap').write_bytes(content)
+    open_bags(tmp_path, 'other.mcap').close()
+    assert len(read_by_all(tmp_path / 'drive.mcap')) == 3 + with_frame
+    line, = read_manifest(tmp_path)
+    assert (line['file'], line['frames']) == ('drive.mcap', with_frame)
+
+
+def test_line_of_a_bag_that_begins_with_a_batch(tmp_path: Path) -> None:
+    frames, both = open_bags(tmp_path / 'a'), open_bags(tmp_path / 'b')
+    put(both, batch(1, 3))
+    for bags in (frames, both):
+        put(bags, frame(4))
+        put(bags, frame(5))
+        bags.close()
+    (expected,), (found,) = map(read_manifest, (tmp_path / 'a', tmp_path / 'b'))
+    own = {'bytes': 0, 'sha256': ''}
+    assert {**found, **own} == {**expected, **own}
 
 
 def test_batch_that_reaches_the_limit(tmp_path: Path) -> None:
@@ -620,3 +652,46 @@ def test_killed_bag_waits_for_the_library(
         assert path.read_bytes() == content
     open_bags(tmp_path).close()
     assert len(read_indexed(path)) == 10
+
+
+def test_batch_on_a_full_disk(tmp_path: Path) -> None:
+    """The messages that are counted are those in the file."""
+    item, console = batch(1, 100), Console()
+    recorder = Recorder(open_bags(tmp_path), console)
+    with disk_of(20_000):
+        recorder.put(item)
+        recorder.close()
+    path, = recorded_files(tmp_path)
+    finish_bags(Folder(tmp_path))
+    assert len(read_by_all(path)) == item.result.written > 10
+    assert recorder.is_unfinished
+    assert recorder.counts.failed == 0
+
+
+def test_bag_of_messages_that_is_removed(tmp_path: Path) -> None:
+    console = Console()
+    recorder = Recorder(open_bags(tmp_path), console)
+    written: list[Path | str] = []
+    recorder.put(batch(1, 3), written.append)
+    deadline = time.monotonic() + DEADLINE
+    while not written:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    (tmp_path / 'drive.mcap').unlink()
+    recorder.close()
+    assert recorder.is_unfinished
+    assert console.lines == ['error: 3 messages of topics are lost: drive.mcap was removed or '
+                             'moved while it was written']
+    assert recorder.counts.failed == 0
+
+
+def test_batch_that_cannot_be_prepared(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bags, results = open_bags(tmp_path), list[Path | str]()
+    monkeypatch.setattr(bags, 'prepare', None)
+    recorder = Recorder(bags, Console())
+    recorder.put(batch(1, 3), results.append)
+    recorder.close()
+    assert results == ["'NoneType' object is not callable"]
+    assert recorder.is_unfinished
+    assert recorder.counts.failed == 0

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import ctypes
+import gc
 from pathlib import Path
 import sys
 from typing import Any
@@ -27,7 +29,7 @@ from installed_messages import (
 import numpy as np
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import DefinitionError, read_definition
-from opencv_tools.transport import message_type as module
+from opencv_tools.transport import message_type as module, type_support
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.type_support import hash_of, TypeSupport
 import pytest
@@ -184,3 +186,67 @@ def test_every_array_and_string_is_described(node: Node) -> None:
 def test_all_texts_are_found() -> None:
     assert {name.partition('/')[0] for name in installed_texts()} > {
         'sensor_msgs', 'geometry_msgs', 'std_msgs', 'nav_msgs', 'diagnostic_msgs'}
+
+
+def walk(support: int, seen: dict[str, Any]) -> None:
+    """Add the members of a type, and of those that it contains, by the name of the type."""
+    find = type_support._Handle(type_support._TypeSupport.from_address(support).func)
+    found = find(support, type_support._INTROSPECTION)
+    members = type_support._Members.from_address(
+        type_support._TypeSupport.from_address(found).data)
+    name = f'{members.message_namespace.decode()}/{members.message_name.decode()}'
+    if name not in seen:
+        seen[name] = fields = []
+        size = ctypes.sizeof(type_support._Member)
+        for number in range(members.member_count):
+            member = type_support._Member.from_address(members.members + number * size)
+            fields.append((member.name, member.type_id, member.string_upper_bound, member.is_key,
+                           member.is_array, member.array_size, member.is_upper_bound,
+                           bool(member.members)))
+            if member.members:
+                walk(member.members, seen)
+
+
+def test_members_of_every_compiled_type() -> None:
+    assert len(installed_texts()) > 150
+    for name in installed_texts():
+        kind = compiled_class(name)
+        compiled: dict[str, Any] = {}
+        made: dict[str, Any] = {}
+        walk(type_support._pointer(type(kind)._TYPE_SUPPORT, None), compiled)
+        support = TypeSupport(installed_type(name))
+        walk(support.address, made)
+        assert made == compiled, name
+
+
+def test_structures_remain_with_the_class(node: Node) -> None:
+    kinds = [TypeSupport(read_definition(f'kept_msgs/msg/A{number}', 'int8 a')).python_class()
+             for number in range(50)]
+    gc.collect()
+    for kind in kinds:
+        node.create_publisher(kind, f'kept_{kind.__name__}', 10)
+        assert hash_of(kind) == TypeSupport(
+            read_definition(f'kept_msgs/msg/{kind.__name__}', 'int8 a')).type_hash
+
+
+def test_type_of_a_package_without_messages() -> None:
+    kind = message_type('std_srvs/msg/Window', 'bool is_open')
+    assert kind.__name__ == 'Window'
+    with pytest.raises(DefinitionError, match='std_srvs/msg/Shutter is not known'):
+        message_type('std_srvs/msg/Shutter')
+
+
+def test_known_text_is_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+
+    def read_once(name: str, text: str | None) -> Any:
+        read.append(name)
+        return read_definition(name, text)
+
+    monkeypatch.setattr(module, 'read_definition', read_once)
+    kind = message_type('known_msgs/msg/A', 'int8 a')
+    assert message_type('known_msgs/A', 'int8 a') is kind
+    for _ in range(2):
+        with pytest.raises(DefinitionError, match='in use with another definition'):
+            message_type('known_msgs/msg/A', 'int8 b')
+    assert read == 2 * ['known_msgs/msg/A']

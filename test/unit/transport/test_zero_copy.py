@@ -395,3 +395,10 @@ def test_fallback_to_rclpy(
         assert take_serialized(subscription.handle) is None
         with pytest.raises(CdrError, match='has a NUL'):
             publish_image(publisher.handle, replace(PIXEL, header=WireHeader(1, 2, 'a\0b')))
+
+
+def test_message_without_a_byte(node: Node, publisher: Publisher,
+                                subscription: Subscription) -> None:
+    publisher.publish(b'')
+    data, _ = take(subscription)
+    assert (data.shape, data.dtype) == ((0,), np.uint8)
