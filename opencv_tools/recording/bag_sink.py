@@ -22,13 +22,14 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 import time
+from typing import Any
 
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import (
     COMPRESSED_IMAGE, IMAGE, message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage,
     WireMessage)
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import SizeError
+from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import (
@@ -44,6 +45,8 @@ from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Limits
 from opencv_tools.units import NANO
+from opencv_tools.video.messages import WireVideo
+from opencv_tools.video.parameter_sets import picture_size
 
 _MAX_WAITING = 1000  # other messages between two frames
 
@@ -74,7 +77,7 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         publish_ns, number = (frame.publish_ns, frame.number) if isinstance(
             frame, MessageFrame) else (0, 0)
         return RecordedImage(
-            image=message, channel=channel, parts=message_to_cdr_parts(message),
+            image=message, channel=channel, parts=_parts(message),
             log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
@@ -136,7 +139,14 @@ class BagSink(FileSink[BagFile, _Prepared]):
         self._bags.add_message(message)
 
 
-def _message(frame: ReceivedFrame) -> tuple[WireMessage, BagChannel]:
+def _parts(message: WireMessage | WireVideo) -> tuple[Any, ...]:
+    """Return the CDR of a message in parts; that of video is the received one."""
+    if isinstance(message, WireVideo):
+        return (message.serialized,)
+    return message_to_cdr_parts(message)
+
+
+def _message(frame: ReceivedFrame) -> tuple[WireMessage | WireVideo, BagChannel]:
     """Return the message of a frame, and its topic."""
     if isinstance(frame, MessageFrame):
         return frame.message, frame.channel
@@ -173,8 +183,14 @@ def _compressed_message(
     return message, BagChannel(topic=f'{metadata.topic}/compressed', type_name=COMPRESSED_IMAGE)
 
 
-def _description(message: WireMessage) -> tuple[str, tuple[int, int]]:
-    """Return the encoding and size of an image; 0 by 0 if a compressed image has no size."""
+def _description(message: WireMessage | WireVideo) -> tuple[str, tuple[int, int]]:
+    """Return the encoding and size of an image or video; 0 by 0 if its size is unknown."""
+    if isinstance(message, WireVideo):
+        try:
+            codec = message.codec
+            return codec, message.size or picture_size(codec, bytes(message.data)) or (0, 0)
+        except ImageError:
+            return message.encoding, (0, 0)
     if isinstance(message, WireImage):
         return message.encoding, (message.width, message.height)
     try:

@@ -139,8 +139,9 @@ class ImageSource:
                     continue
                 message = decoded
             frame: QueuedFrame = message if isinstance(message, CdrError) else ReceivedMessage(
-                message, received_ns or time.time_ns(), *(
-                    (info.source_timestamp, info.number) if info else ()))
+                message, received_ns or time.time_ns(),
+                publish_ns=info.source_timestamp if info else 0,
+                number=info.number if info else 0, publisher=publisher)
             self._queue.put(frame, publisher, Position(info.number) if info else None,
                             keeps_all=keeps_all)
         return received_ns
