@@ -133,6 +133,7 @@ class ImageSubscriber(ClosableNode):
         unprocessed += recorder.abandoned
         failed = counts.failed + self._unreadable
         skipped = counts.skipped + self._session.skipped
+        left_out = counts.left_out + self._session.left_out
         self._log.info(
             f'Received {self._progress.count - recorder.abandoned} frames at '
             f'{self._progress.average_rate():.1f} Hz: '
@@ -140,6 +141,7 @@ class ImageSubscriber(ClosableNode):
             f'{failed} failed, {account.lost + account.skipped} lost in transit'
             + ('' if account.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
+            + (f', {left_out} left out before a key frame' if left_out else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
         if self._topic_recorder:
             self._topic_recorder.log_summary()

@@ -19,15 +19,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 import re
+import signal
 
 from bag_readers import decode, read_by_all
-from conftest import NodeProcess, read_manifest
+from conftest import CLIP, CLIP_FRAMES, NodeProcess, read_manifest
 import mcap.reader
-from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
+from opencv_tools.recording.video.unfinished import count_frames
+from opencv_tools.video.messages import (
+    cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS)
 import pytest
 from rclpy.node import Node
 from rosbags.rosbag2.metadata import parse_qos
-from video_packets import flat_packets, video_message, VideoSender
+from video_packets import (
+    flat_packets, MS, numbers, read_packets, units, video_message, VideoSender)
 
 Start = Callable[..., NodeProcess]
 COUNT = 20
@@ -60,6 +64,60 @@ def test_bag_has_the_published_bytes(
     assert (line['stored_encoding'], line['size'], line['frames']) == ('h264', [48, 32], COUNT)
 
 
+@pytest.mark.parametrize('suffix', ['.mkv', '.mp4'])
+def test_killed_video_of_packets_plays(
+        start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
+    sender = VideoSender(node, '/video_frames', FFMPEG_PACKET)
+    killed = start('img_subscriber', output_dir=tmp_path / 'out', file_name=f'a{suffix}',
+                   transport='video', on_overflow='block')
+    path = tmp_path / 'out' / f'a{suffix}'
+    sender.send(*(video_message(FFMPEG_PACKET, packet, number, 40 * MS)
+                  for number, packet in enumerate(flat_packets(100))))
+    killed.wait_until(lambda _: path.exists() and (count_frames(path) or 0) > 50)
+    killed.interrupt(signal.SIGKILL)
+    killed.finish()
+    found = numbers(path)
+    assert len(found) > 50 and found == [number % 50 for number in range(len(found))]
+    following = start('img_subscriber', output_dir=tmp_path / 'out', file_name=f'b{suffix}')
+    following.wait_for('Waiting for')
+    following.interrupt()
+    assert following.finish() == 0, following.output
+    line, = read_manifest(tmp_path / 'out')
+    assert (line['file'], line['frames'], line['stored_encoding']) == (
+        f'a{suffix}', len(found), 'h264')
+
+
+def test_account_of_packets(start: Start, node: Node, tmp_path: Path) -> None:
+    sender = VideoSender(node, '/video_frames', COMPRESSED_VIDEO)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='a.mkv',
+                       transport='video', max_frames=10, timeout=60)
+    sender.send(*(video_message(COMPRESSED_VIDEO, packet, number)
+                  for number, packet in enumerate(flat_packets(20, keys=(9,)))
+                  if number > 5))
+    assert subscriber.finish() == 0, subscriber.output
+    assert ' 10 written to' in subscriber.output
+    assert ' 3 left out before a key frame' in subscriber.output
+    assert numbers(tmp_path / 'out' / 'a.mkv') == [*range(9, 19)]
+
+
+def test_publisher_and_recorder_of_the_same_video(start: Start, tmp_path: Path) -> None:
+    recorders = [start(
+        'img_subscriber', output_dir=tmp_path / suffix, file_name=f'a.{suffix}',
+        transport='video', on_overflow='block') for suffix in ('mcap', 'mkv')]
+    publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=2)
+    assert publisher.finish() == 0, publisher.output
+    for recorder in recorders:
+        recorder.wait_for('Receiving video frame')
+        recorder.interrupt()
+        assert recorder.finish() == 0, recorder.output
+    messages = [cdr_to_video(FFMPEG_PACKET, stored.data)
+                for stored in read_by_all(tmp_path / 'mcap' / 'a.mcap')
+                if stored.topic == '/video_frames/ffmpeg']
+    assert [content for *_, content in read_packets(tmp_path / 'mkv' / 'a.mkv')] == [
+        units('h264', bytes(message.data)) for message in messages]
+    assert len(messages) == CLIP_FRAMES
+
+
 def test_selected_frames_of_a_bag_are_images(start: Start, node: Node, tmp_path: Path) -> None:
     sender = VideoSender(node, '/front/image', FFMPEG_PACKET)
     subscriber = start(
@@ -68,6 +126,7 @@ def test_selected_frames_of_a_bag_are_images(start: Start, node: Node, tmp_path:
     sender.send(*(video_message(FFMPEG_PACKET, packet, number)
                   for number, packet in enumerate(flat_packets(10))))
     assert subscriber.finish() == 0, subscriber.output
-    assert {stored.topic for stored in read_by_all(tmp_path / 'out' / 'a.mcap')} == {'/front/image'}
-    found = decode(tmp_path / 'out' / 'a.mcap')
+    path = tmp_path / 'out' / 'a.mcap'
+    assert {stored.topic for stored in read_by_all(path)} == {'/front/image'}
+    found = decode(path)
     assert [round(sum(one.data) / len(one.data) / 5) for one in found] == [0, 2, 4, 6, 8]

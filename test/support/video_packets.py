@@ -17,20 +17,26 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
+from typing import Any
 
+import av
 from conftest import spin_until
 import numpy as np
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.transport.message_type import message_type
+from opencv_tools.video.bit_stream import nal_units, obus
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import video_to_cdr, VIDEO_TOPICS
 from opencv_tools.video.packet import VideoPacket
+from opencv_tools.video.parameter_sets import length_prefixed_to_annexb, read_extradata
 from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 NANO = 10**9
 MS = 10**6
+_NAMES = {'h264': 'h264', 'hevc': 'h265', 'av1': 'av1', 'libdav1d': 'av1'}
 LEVELS = 50  # numbers that a gray picture can tell
 
 
@@ -58,6 +64,34 @@ def video_message(
         type_name: str, packet: VideoPacket, number: int, step_ns: int = MS) -> bytes:
     return video_to_cdr(
         type_name, WireHeader(*divmod(NANO + number * step_ns, NANO), 'eye'), packet, number)
+
+
+def units(codec: str, data: bytes) -> list[Any]:
+    """Return the content of a packet, without the temporal delimiters that no container keeps."""
+    if codec == 'av1':
+        return [unit for unit in obus(data) if unit[0] != 2]
+    return [*nal_units(data)]
+
+
+def read_packets(path: Path) -> list[tuple[float, bool, list[Any]]]:
+    """Return time, key flag and content of each packet of a video."""
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        codec = _NAMES[stream.codec_context.name]
+        _, size = read_extradata(codec, stream.codec_context.extradata)
+        found = []
+        for packet in container.demux(stream):
+            if packet.size:
+                data = bytes(packet)
+                data = length_prefixed_to_annexb(data, size) if size else data
+                found.append((float(packet.pts * packet.time_base), bool(packet.is_keyframe),
+                              units(codec, data)))
+    return found
+
+
+def numbers(path: Path) -> list[int]:
+    with av.open(str(path)) as container:
+        return [number_of(frame.to_ndarray(format='bgr24')) for frame in container.decode(video=0)]
 
 
 class VideoSender:

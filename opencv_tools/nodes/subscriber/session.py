@@ -27,7 +27,7 @@ from opencv_tools.nodes.subscriber.save_service import SaveRequests
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.frames import PacketFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
@@ -54,6 +54,7 @@ class RecordingSession:
         :raises RecordingError: the output folder cannot be used.
         """
         self.skipped = 0  # frames that were not selected
+        self.left_out = 0  # packets of video before the first key frame
         self._node = node
         self._on_end = on_end
         self._has_ended = False
@@ -76,6 +77,9 @@ class RecordingSession:
     def record(self, frame: ReceivedFrame) -> None:
         """Record a frame if it is selected or requested."""
         selection = self._selection
+        if isinstance(frame, PacketFrame) and not (selection.has_begun or frame.packet.is_key):
+            self.left_out += 1
+            return
         if self._is_late():
             self.skipped += 1
             return
