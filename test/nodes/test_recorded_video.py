@@ -23,6 +23,7 @@ import signal
 
 from bag_readers import decode, read_by_all
 from conftest import CLIP, CLIP_FRAMES, NodeProcess, read_manifest
+import cv2
 import mcap.reader
 from opencv_tools.recording.video.unfinished import count_frames
 from opencv_tools.video.messages import (
@@ -31,7 +32,7 @@ import pytest
 from rclpy.node import Node
 from rosbags.rosbag2.metadata import parse_qos
 from video_packets import (
-    flat_packets, MS, numbers, read_packets, units, video_message, VideoSender)
+    flat_packets, MS, number_of, numbers, read_packets, units, video_message, VideoSender)
 
 Start = Callable[..., NodeProcess]
 COUNT = 20
@@ -130,3 +131,27 @@ def test_selected_frames_of_a_bag_are_images(start: Start, node: Node, tmp_path:
     assert {stored.topic for stored in read_by_all(path)} == {'/front/image'}
     found = decode(path)
     assert [round(sum(one.data) / len(one.data) / 5) for one in found] == [0, 2, 4, 6, 8]
+
+
+@pytest.mark.parametrize('type_name', [FFMPEG_PACKET, COMPRESSED_VIDEO])
+def test_recorded_bag_of_video_is_played(
+        start: Start, node: Node, tmp_path: Path, type_name: str) -> None:
+    sender = VideoSender(node, '/front/image', type_name)
+    recorder = start(
+        'img_subscriber', '--ros-args', '-r', 'video_frames:=/front/image', transport='video',
+        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=COUNT, timeout=60)
+    sender.send(*(video_message(type_name, packet, number)
+                  for number, packet in enumerate(flat_packets(COUNT))))
+    assert recorder.finish() == 0, recorder.output
+    player_arguments = {'source': tmp_path / 'out' / 'a.mcap', 'publish_rate': 0,
+                        'stamp': 'original', 'start_frame': 5, 'wait_for_subscribers': 1}
+    second = start('img_subscriber', output_dir=tmp_path / 'pictures', transport='raw',
+                   max_frames=COUNT - 5, timeout=60, on_overflow='block')
+    player = start('img_publisher', **player_arguments)
+    assert player.finish() == 0, player.output
+    assert second.finish() == 0, second.output
+    lines = read_manifest(tmp_path / 'pictures')
+    assert [line['stamp']['nanosec'] for line in lines] == [
+        number * MS for number in range(5, COUNT)]
+    assert [number_of(cv2.imread(str(tmp_path / 'pictures' / line['file'])))
+            for line in lines] == [*range(5, COUNT)]

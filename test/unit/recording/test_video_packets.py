@@ -131,8 +131,8 @@ def test_account_of_a_recorder_is_complete(tmp_path: Path) -> None:
     counts = recorder.counts
     assert (counts.written, counts.left_out, counts.failed, counts.skipped) == (13, 6, 0, 0)
     assert [line for line in console.lines if 'left out' in line] == [
-        'a frame was left out until the next key frame: a packet of h264 needs earlier packets, '
-        'which are missing in the video']
+        'warning: a frame was left out until the next key frame: a packet of h264 needs earlier '
+        'packets, which are missing in the video']
 
 
 def test_packets_without_numbers_follow_each_other(tmp_path: Path) -> None:
