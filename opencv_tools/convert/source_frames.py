@@ -29,9 +29,10 @@ from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.frames import (
-    CompressedFrame, MessageFrame, packet_frame, RawFrame, ReceivedFrame)
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.packet_frame import packet_frame
 from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 

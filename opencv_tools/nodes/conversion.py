@@ -22,9 +22,9 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
-from opencv_tools.recording.frames import (
-    ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)
+from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.packet_frame import packet_frame
 from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 

@@ -38,10 +38,11 @@ from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.file_sink import FileSink
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
+from opencv_tools.recording.frames import CompressedFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
     COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Limits
 from opencv_tools.units import NANO

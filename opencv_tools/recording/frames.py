@@ -22,19 +22,10 @@ import time
 from typing import Any, ClassVar
 
 from numpy.typing import NDArray
-from opencv_tools.bags.writing import BagChannel
-from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import KeyFrameNeeded
 from opencv_tools.image.image_size import MAX_PIXELS
-from opencv_tools.image.layout import view_pixels
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.units import NANO
-from opencv_tools.video.messages import WireVideo
-from opencv_tools.video.packet import VideoPacket
-from opencv_tools.video.parameter_sets import is_key_frame, picture_size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,90 +96,6 @@ class CompressedFrame(ReceivedFrame):
         encoding = decoded_encoding(image, self.metadata.encoding)
         return RawFrame(metadata=replace(self.metadata, encoding=encoding.name), image=image,
                         receive_ns=self.receive_ns, arrival_ns=self.arrival_ns)
-
-
-@dataclass(frozen=True, kw_only=True)
-class PacketFrame(ReceivedFrame):
-    """
-    A frame as a packet of video, which needs the frames before it.
-
-    :param packet: the packet; its width and height are 0 if they are unknown.
-    :param publisher: identifier of the publisher; b'' if unknown.
-    :param number: number of the packet from its publisher; 0 if unknown.
-    """
-
-    packet: VideoPacket
-    publisher: bytes = b''
-    number: int = 0
-
-    def decode(self) -> RawFrame:
-        """
-        Refuse to decode the frame alone.
-
-        :raises KeyFrameNeeded: always.
-        """
-        raise _not_alone(self.packet.codec)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MessageFrame(ReceivedFrame):
-    """
-    A frame as its message, for a bag.
-
-    :param message: immutable image message of any encoding, or message with video.
-    :param channel: topic of the message as a bag describes it.
-    :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
-    :param number: number of the message from its publisher; 0 if unknown.
-    """
-
-    message: WireMessage | WireVideo
-    channel: BagChannel
-    publish_ns: int = 0
-    number: int = 0
-
-    def decode(self) -> RawFrame:
-        """
-        Return the frame as pixels.
-
-        :raises ImageError: the message is not a valid image, or it is video.
-        """
-        if isinstance(self.message, WireVideo):
-            raise _not_alone(self.message.encoding)
-        message, times = self.message, {
-            'receive_ns': self.receive_ns, 'arrival_ns': self.arrival_ns}
-        if isinstance(message, WireCompressedImage):
-            return CompressedFrame(metadata=self.metadata, data=message.data, **times).decode()
-        encoding = find_encoding(message.encoding)
-        image = view_pixels(message.data, message.height, message.width, message.step, encoding,
-                            message.is_bigendian)
-        return RawFrame(metadata=self.metadata, image=image.astype(encoding.dtype, copy=False),
-                        **times)
-
-
-def packet_frame(
-    message: WireVideo, topic: str, receive_ns: int, arrival_ns: int, publisher: bytes = b'',
-    number: int = 0,
-) -> PacketFrame:
-    """
-    Return a message with video as a packet.
-
-    :param message: the message.
-    :param topic: topic of the message.
-    :returns: the frame, whose size is that in its SPS or sequence header.
-    :raises ImageError: the packet is damaged, or its codec is unknown.
-    """
-    codec, data, header = message.codec, bytes(message.data), message.header
-    width, height = picture_size(codec, data) or message.size or (0, 0)
-    return PacketFrame(
-        metadata=FrameMetadata(
-            header.sec * NANO + header.nanosec, header.frame_id, message.encoding, topic),
-        receive_ns=receive_ns, arrival_ns=arrival_ns, publisher=publisher, number=number,
-        packet=VideoPacket(codec=codec, data=data, is_key=is_key_frame(codec, data),
-                           width=width, height=height))
-
-
-def _not_alone(codec: str) -> KeyFrameNeeded:
-    return KeyFrameNeeded(f'a packet of {codec} is not decoded without the packets before it')
 
 
 class ArrivalClock:

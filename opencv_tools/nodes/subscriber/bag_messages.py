@@ -26,7 +26,8 @@ from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.frames import ArrivalClock, MessageFrame
+from opencv_tools.recording.frames import ArrivalClock
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.queue import ReceivedMessage

@@ -27,10 +27,11 @@ from opencv_tools.nodes.subscriber.save_service import SaveRequests
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.frames import PacketFrame, ReceivedFrame
+from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
 from opencv_tools.regular_files import user_path

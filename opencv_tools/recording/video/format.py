@@ -27,9 +27,10 @@ from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
 from opencv_tools.recording.errors import UnwritableError, VideoError
 from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
-from opencv_tools.recording.frames import PacketFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
+from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.video.container import VideoFile
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.packets import (

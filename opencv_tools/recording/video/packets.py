@@ -23,7 +23,7 @@ import io
 from typing import Any
 
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
-from opencv_tools.recording.frames import PacketFrame
+from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import VideoStream
 from opencv_tools.video.packet import VideoPacket

@@ -27,13 +27,14 @@ from console import Console
 import numpy as np
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import LimitReached
-from opencv_tools.recording.frames import PacketFrame, RawFrame
+from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video.container import VideoFile
 from opencv_tools.recording.video.packets import CopiedStream, prepare_packet
 from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.recording.video.container import VideoFile
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets, read_extradata
 import pytest
