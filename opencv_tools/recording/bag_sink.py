@@ -47,7 +47,7 @@ from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Limits
 from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
-from opencv_tools.video.parameter_sets import picture_size
+from opencv_tools.video.parameter_sets import is_key_frame, picture_size
 
 _MAX_WAITING = 1000  # other messages between two frames
 
@@ -67,6 +67,7 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         """
         self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
+        self._has_video = False  # the last frame
 
     def prepare(self, frame: ReceivedFrame) -> _Prepared:
         """Convert a frame to a message, without a copy of unchanged data; see `FileFormat`."""
@@ -98,7 +99,19 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         """Write the message of a frame, or those of a batch; see `FileFormat`."""
         if isinstance(prepared, MessageBatch):
             return file.writer.write_batch(prepared)
+        self._has_video = isinstance(prepared.image, WireVideo)
         return file.writer.write(prepared)
+
+    def can_begin(self, prepared: _Prepared) -> bool:
+        """Return whether a bag can begin with a frame or batch; see `FileFormat`."""
+        if isinstance(prepared, MessageBatch):
+            return not self._has_video
+        message = prepared.image
+        try:
+            return not isinstance(message, WireVideo) or is_key_frame(
+                message.codec, bytes(message.data))
+        except ImageError:
+            return True
 
     def add_message(self, message: RecordedMessage) -> None:
         """Add a message that is not a frame; see `BagSink`."""

@@ -88,17 +88,24 @@ class CopiedStream(VideoStream[PreparedPacket]):
         self._stream: Any = None
 
     def open(self, container: Any, ticks: int) -> None:  # noqa: A003
-        """Add a stream with the parameter sets, which FFmpeg converts to avcC, hvcC or av1C."""
+        """
+        Add a stream with the parameter sets, which FFmpeg converts to avcC, hvcC or av1C.
+
+        :raises VideoError: FFmpeg finds no video in the first packet.
+        """
         import av
         self._ticks = ticks
         packet = self._first.packet
         with av.open(io.BytesIO(packet.data), format=_RAW_FORMATS[packet.codec]) as raw:
+            if not raw.streams.video:
+                raise VideoError(f'{self.failure}: its first packet is damaged')
             template = raw.streams.video[0]
-            add: Any = getattr(container, 'add_stream_from_template', None)  # not in PyAV 12
-            self._stream = (add(template, opaque=True) if add
-                            else container.add_stream(template=template))
+            if hasattr(container, 'add_stream_from_template'):
+                self._stream = container.add_stream_from_template(template, opaque=True)
+                self._stream.time_base = Fraction(1, ticks)
+            else:  # PyAV 12
+                self._stream = container.add_stream(template=template)
         self._stream.codec_context.extradata = self._first.sets
-        self._stream.time_base = Fraction(1, ticks)
 
     def packets(self, prepared: PreparedPacket | None, pts: int) -> Iterable[Any]:
         """Return the packet of a frame."""

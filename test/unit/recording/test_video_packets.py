@@ -25,9 +25,12 @@ import av
 from conftest import read_manifest, recorded_files
 from console import Console
 import numpy as np
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.capture.bag import BagSource
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.frames import RawFrame
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Recorder, Sink
@@ -35,11 +38,15 @@ from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.container import VideoFile
 from opencv_tools.recording.video.packets import CopiedStream, prepare_packet
 from opencv_tools.recording.video.unfinished import count_frames
+from opencv_tools.video.messages import cdr_to_video, FFMPEG_PACKET
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets, read_extradata
+from playback import frames_of as frames_of_source
 import pytest
 from recordings import open_videos
-from video_packets import flat, flat_packets, NANO, numbers, read_packets, units
+from video_packets import (
+    flat, flat_packets, NANO, number_of, numbers, read_packets, units, video_message)
+from videos import play
 
 BEGIN_NS = 1_700_000_000 * NANO
 CODECS = ('h264', 'h265', 'av1')
@@ -89,6 +96,8 @@ def test_packets_keep_their_bytes_and_times(tmp_path: Path, codec: str, suffix: 
     for number, (seconds, *_) in enumerate(found):
         assert abs(seconds - number * STEP_NS / NANO) < 0.001
     assert numbers(path) == [*range(30)]
+    if codec != 'av1':  # which OpenCV may not decode
+        assert [number_of(image) for _, image in play(path)] == [*range(30)]
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         sets, _ = read_extradata(codec, stream.codec_context.extradata)
@@ -256,3 +265,21 @@ def test_packets_that_no_video_can_hold(tmp_path: Path) -> None:
     videos.close()
     assert len(recorded_files(tmp_path)) <= 2
     assert np.array_equal(numbers(recorded_files(tmp_path)[-1]), [0])
+
+
+@pytest.mark.parametrize('limits', [Limits(split_bytes=3000), Limits(max_frames=40, ring=True)])
+def test_bags_of_a_split_begin_with_key_frames(tmp_path: Path, limits: Limits) -> None:
+    bags = open_videos(tmp_path, '{seq:03d}.mcap', limits=limits)
+    for number, packet in enumerate(flat_packets(100, keys=range(0, 100, 10))):
+        message = cdr_to_video(FFMPEG_PACKET, video_message(FFMPEG_PACKET, packet, number))
+        frame = MessageFrame(
+            metadata=FrameMetadata(number, 'eye', 'h264', '/video/ffmpeg'), receive_ns=number,
+            arrival_ns=number, message=message, number=number + 1,
+            channel=BagChannel(topic='/video/ffmpeg', type_name=FFMPEG_PACKET))
+        bags.commit(frame, bags.prepare(frame))
+    bags.close()
+    found = [[number_of(frame.image) for frame in frames_of_source(BagSource(path))]
+             for path in recorded_files(tmp_path)]
+    assert len(found) > 2 and all(one[0] % 10 == 0 for one in found)
+    shown = [number for one in found for number in one]
+    assert shown == [number % 50 for number in range(100 - len(shown), 100)]
