@@ -21,7 +21,7 @@ import sys
 import time
 
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.image.errors import ImageError
 from opencv_tools.logs import log_if_slow
 from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
@@ -69,7 +69,8 @@ class ImageSubscriber(ClosableNode):
         self.subscription = FrameSubscription(
             self, 'video_frames', self._log, self.listener_callback, self._count_unreadable,
             SubscriptionOptions(transport=settings.transport, depth=settings.depth,
-                                max_views=_MAX_VIEWS))
+                                max_views=_MAX_VIEWS, max_pixels=settings.max_pixels,
+                                decodes_video=settings.decodes_video))
         bag_sink = self._session.bag_sink
         self._bag_messages = BagMessages(
             self, self.subscription.topic_name, self._log, bag_sink.add_message,
@@ -91,7 +92,7 @@ class ImageSubscriber(ClosableNode):
         """
         Convert a message to a frame and record it; a bag takes the message itself.
 
-        :param received: raw or compressed image; the frame is a view of it.
+        :param received: raw or compressed image, or video; the frame is a view of it.
         """
         if self.done.done():
             return
@@ -100,8 +101,10 @@ class ImageSubscriber(ClosableNode):
         topic = self.subscription.topic_name
         try:
             frame = (self._bag_messages.frame(received, topic) if self._bag_messages
-                     else self._converter.convert(received.message, topic, received.receive_ns))
-        except (CvBridgeError, SizeError) as err:
+                     else self._converter.convert(
+                         received.message, topic, received.receive_ns, received.publisher,
+                         received.number))
+        except (CvBridgeError, ImageError) as err:
             self._count_unreadable(err)
         else:
             self._session.record(frame)
@@ -130,6 +133,7 @@ class ImageSubscriber(ClosableNode):
         unprocessed += recorder.abandoned
         failed = counts.failed + self._unreadable
         skipped = counts.skipped + self._session.skipped
+        left_out = counts.left_out + self._session.left_out
         self._log.info(
             f'Received {self._progress.count - recorder.abandoned} frames at '
             f'{self._progress.average_rate():.1f} Hz: '
@@ -137,6 +141,7 @@ class ImageSubscriber(ClosableNode):
             f'{failed} failed, {account.lost + account.skipped} lost in transit'
             + ('' if account.is_complete else ' since the first received frame')
             + (f', {unprocessed} not processed' if unprocessed else '')
+            + (f', {left_out} left out before a key frame' if left_out else '')
             + (f', {skipped} skipped as requested' if skipped else ''))
         has_topics = not self._topic_recorder or self._topic_recorder.log_summary()
         if failed or unprocessed or recorder.is_unfinished or not has_topics:

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.video.messages import VIDEO_TOPICS
 
 #: Largest chunk or message in bytes that is read. A reader holds at most four of them.
 MAX_BYTES = 3 << 26
@@ -78,8 +79,9 @@ class BagTopic:
 
     @property
     def has_images(self) -> bool:
-        """Return whether the messages are images that can be read."""
-        return self.type_name in (IMAGE, COMPRESSED_IMAGE) and self.serialization == CDR
+        """Return whether the messages are images or video that can be read."""
+        return (self.type_name in (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS)
+                and self.serialization == CDR)
 
 
 @dataclass(frozen=True)

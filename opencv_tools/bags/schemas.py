@@ -17,18 +17,21 @@
 from __future__ import annotations
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 _SEPARATOR = 80 * '=' + '\nMSG: '
-_HEADER = f"""\
-{_SEPARATOR}std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
+_TIME = f"""\
 {_SEPARATOR}builtin_interfaces/Time
 int32 sec
 uint32 nanosec
 """
+_HEADER = f"""\
+{_SEPARATOR}std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+{_TIME}"""
 
 #: Text of the schema of each type: its fields, then the types that it uses, as in rosbag2.
 MESSAGE_DEFINITIONS = {
@@ -65,9 +68,34 @@ uint32 height
 uint32 width
 bool do_rectify
 """,
+    FFMPEG_PACKET: f"""\
+std_msgs/Header header
+int32 width
+int32 height
+string encoding
+uint64 pts
+uint8 flags
+bool is_bigendian
+uint8[] data
+{_HEADER}""",
+    COMPRESSED_VIDEO: f"""\
+builtin_interfaces/Time timestamp
+string frame_id
+uint8[] data
+string format
+{_TIME}""",
 }
+
+# Last parts of the names of topics beside an image topic, as in image_transport.
+_SUFFIXES = ('compressed', *VIDEO_TOPICS.values())
+
+
+def image_topic(topic: str) -> str:
+    """Return the image topic beside a topic of compressed images or video."""
+    base, _, suffix = topic.rpartition('/')
+    return base if base and suffix in _SUFFIXES else topic
 
 
 def camera_info_topic(topic: str) -> str:
-    """Return the topic of the camera_info beside a topic of raw or compressed images."""
-    return topic.removesuffix('/compressed').rpartition('/')[0] + '/camera_info'
+    """Return the topic of the camera_info beside a topic of images or video."""
+    return image_topic(topic).rpartition('/')[0] + '/camera_info'

@@ -28,16 +28,17 @@ from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.capture.bag_video import BagVideo
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
 from opencv_tools.capture.frame import CapturedFrame, JPEG, MAX_RATE, Recorded
 from opencv_tools.capture.image_files import natural_order
-from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, COMPRESSED_IMAGE, WireMessage)
+from opencv_tools.image.cdr import cdr_to_image, IMAGE, WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.units import NANO
+from opencv_tools.video.messages import WireVideo
 
 _REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
 _MAX_LISTED = 10  # topics in an error message
@@ -81,6 +82,8 @@ class BagSource:
         self.topic = _select(self.name, topic, counts)
         #: Number of messages of each topic of the bag.
         self.topics = counts
+        #: Decoder of a topic of video.
+        self.video = BagVideo(self.topic.type_name)
         info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
         self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]
@@ -98,7 +101,11 @@ class BagSource:
     def skip(self) -> bool:
         while True:
             try:
-                return self._next_image() is not None
+                message = self._next_image()
+                if message is not None and self.video.needs_skipped:
+                    with suppress(BagError, ImageError, OSError):  # of a frame that nobody wants
+                        self.video.skip(decompressed_message(message.load()), message.number)
+                return message is not None
             except BrokenFrameError as err:
                 self._skipped_damage.append(err)  # the next call of read reports it
 
@@ -112,6 +119,8 @@ class BagSource:
             serialized = decompressed_message(message.load())
             return self._frame(message, serialized, self._find_camera_info(serialized))
         except (BagError, ImageError, OSError) as err:
+            if isinstance(err, (BagError, OSError)):
+                self.video.restart()
             raise BrokenFrameError(f'{self.name}: a message of {printable(self.topic.name)} '
                                    f'cannot be read: {err}') from err
 
@@ -121,6 +130,7 @@ class BagSource:
         self._messages = self._all_messages()
         self._next.clear()
         self._skipped_damage.clear()
+        self.video.restart()
         self._last_info = None
 
     def close(self) -> None:
@@ -137,6 +147,7 @@ class BagSource:
         while self._next or self._look_ahead():
             item = self._next.popleft()
             if isinstance(item, Damage):
+                self.video.restart()
                 raise BrokenFrameError(item.reason)
             if item.topic == self.topic:
                 return item
@@ -174,16 +185,17 @@ class BagSource:
                 self._last_info = bytes(serialized)  # a view would keep its chunk in memory
 
     def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> CapturedFrame:
-        """Return the frame of a message, as a view of its data."""
-        wire: WireMessage
-        if self.topic.type_name == COMPRESSED_IMAGE:
-            wire = cdr_to_compressed_image(serialized)
-            image, encoding = np.frombuffer(wire.data, np.uint8), JPEG
-        else:
+        """Return the frame of a message, as a view of its data; video is decoded."""
+        wire: WireMessage | WireVideo
+        if self.topic.type_name == IMAGE:
             wire = cdr_to_image(serialized)
             image = view_pixels(wire.data, wire.height, wire.width, wire.step,
                                 find_encoding(wire.encoding), wire.is_bigendian)
             encoding = wire.encoding
+        elif isinstance(wire := self.video.read(serialized), WireVideo):
+            image, encoding = self.video.picture(wire, message.number)
+        else:
+            image, encoding = np.frombuffer(wire.data, np.uint8), JPEG
         return CapturedFrame(
             image, encoding, position=(message.log_ns - self._first_ns) / NANO,
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,

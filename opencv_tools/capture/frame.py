@@ -21,12 +21,17 @@ from typing import Any, Literal, Protocol, TypeAlias
 
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.video.messages import WireVideo
 
 MAX_RATE = 1000.0  # frames per second; a source that reports more is wrong
 
 #: Encoding of a frame that is compressed; its image is the bytes of the JPEG of a camera, or of
 #: the compressed image of a bag.
 JPEG = 'jpeg'
+
+#: Encoding of a frame that is a packet of video from a bag, which is not decoded; its image is the
+#: bytes of the packet.
+VIDEO = 'video'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +48,7 @@ class Recorded:
     :param camera_info: serialized sensor_msgs/CameraInfo of the frame; None if there is none.
     """
 
-    message: WireMessage
+    message: WireMessage | WireVideo
     topic: str
     log_ns: int
     play: int = 0
@@ -67,9 +72,10 @@ class CapturedFrame:
     """
     One captured image.
 
-    :param image: immutable (h, w) or (h, w, c) array of any byte order; for ``JPEG`` frames the
-        compressed bytes, (n,) uint8. That of a camera is valid until the next frame.
-    :param encoding: sensor_msgs/Image encoding of the image, such as ``'bgr8'``, or ``JPEG``.
+    :param image: immutable (h, w) or (h, w, c) array of any byte order; for ``JPEG`` and ``VIDEO``
+        frames the compressed bytes, (n,) uint8. That of a camera is valid until the next frame.
+    :param encoding: sensor_msgs/Image encoding of the image, such as ``'bgr8'``, or ``JPEG``
+        or ``VIDEO``.
     :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC. For a frame of a file, the
         time at which the frame was due; the player sets it, the source leaves 0.
     :param position: time of the frame in its file, in seconds; None if the file has no times.
@@ -81,6 +87,11 @@ class CapturedFrame:
     stamp_ns: int = 0
     position: float | None = None
     recorded: Recorded | None = None
+
+    @property
+    def is_video(self) -> bool:
+        """Whether it is a frame of video in a bag, decoded or not."""
+        return self.recorded is not None and isinstance(self.recorded.message, WireVideo)
 
 
 class _Readable(Protocol):

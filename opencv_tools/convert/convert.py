@@ -28,7 +28,7 @@ from typing import Any
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
-from opencv_tools.capture.frame import CapturedFrame, JPEG, Source
+from opencv_tools.capture.frame import CapturedFrame, JPEG, Source, VIDEO
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
@@ -44,7 +44,7 @@ from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.image_encoder import COMPRESSED_SUFFIXES, EncoderSettings
 from opencv_tools.recording.naming import check_folder, FileNames
-from opencv_tools.recording.open_sink import check_format, open_sink
+from opencv_tools.recording.open_sink import check_format, KEEPS_PACKETS, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS
@@ -180,6 +180,9 @@ class _Conversion:
             raise ValueError(f'{request.source} has no end: give --stop')
         if isinstance(source, ImageFileSource):
             source.keeps_jpegs = self._names.suffix in _JPEGS
+        if isinstance(source, BagSource):  # packets are copied from the first one on, or decoded
+            source.video.decodes = (self._names.suffix not in KEEPS_PACKETS
+                                    or request.every > 1 or request.start > 0)
         frames = numbered_frames(source, request.start, request.stop, request.every, self._skip,
                                  self._is_interrupted)
         with closing(self._progress):
@@ -201,8 +204,9 @@ class _Conversion:
         failed = counts.failed + self._unreadable
         self._log.info(
             f'Converted {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
-            f'{counts.written} written to {self._written or self._folder}, {failed} failed')
-        is_ok = is_complete and not failed and not recorder.is_unfinished
+            f'{counts.written} written to {self._written or self._folder}, {failed} failed'
+            + (f', {counts.left_out} left out before a key frame' if counts.left_out else ''))
+        is_ok = is_complete and not (failed or counts.left_out or recorder.is_unfinished)
         return _EXIT_OK if is_ok else _EXIT_FAILURE
 
     def _record(
@@ -243,7 +247,7 @@ class _Conversion:
         """
         compressed = self._request.compressed
         suffix = COMPRESSED_SUFFIXES.get(compressed, self._names.suffix)
-        if self._request.lossy or suffix in _LOSSLESS_FOR_ALL:
+        if self._request.lossy or suffix in _LOSSLESS_FOR_ALL or frame.encoding == VIDEO:
             return
         if frame.encoding != JPEG and find_encoding(frame.encoding).kind in ('bayer', 'yuv'):
             raise ValueError(
@@ -259,7 +263,8 @@ class _Conversion:
     def _is_lossless(self, frame: CapturedFrame) -> bool:
         """Return whether a frame was never compressed with a loss, as far as that is known."""
         if isinstance(self._source, BagSource):
-            return not (frame.encoding == JPEG and frame.image[:2].tobytes() == JPEG_SOI)
+            is_jpeg = frame.encoding == JPEG and frame.image[:2].tobytes() == JPEG_SOI
+            return not (is_jpeg or frame.is_video)
         if isinstance(self._source, ImageFileSource):
             return not all(path.suffix.lower() in _JPEGS for path in self._source.paths)
         return isinstance(self._source, PatternSource)
@@ -284,6 +289,6 @@ def _threads(first: CapturedFrame) -> int:
 
 def _description(frame: CapturedFrame) -> str:
     """Return the size and encoding of a frame, which is not decoded."""
-    if frame.encoding == JPEG:
+    if frame.encoding in (JPEG, VIDEO):
         return f'{frame.image.nbytes} compressed bytes'
     return f'{frame.image.shape[1]}x{frame.image.shape[0]} {frame.encoding}'

@@ -20,16 +20,21 @@ from collections.abc import Callable, Iterator
 from itertools import count
 import time
 
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded, Source
+from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded, Source, VIDEO
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.frames import CompressedFrame, MessageFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.packet_frame import packet_frame
 from opencv_tools.units import NANO
+from opencv_tools.video.messages import WireVideo
 
 # Names of the publisher, for sources that have none.
 _TOPIC = '/video_frames'
@@ -103,6 +108,8 @@ def received_frame(
         stamp_ns, receive_ns = recorded.header_ns, recorded.log_ns
         if isinstance(recorded.message, WireCompressedImage):
             encoding = recorded.message.format
+        elif isinstance(recorded.message, WireVideo) and frame.encoding == VIDEO:
+            encoding = recorded.message.encoding
     elif frame.stamp_ns:
         stamp_ns = receive_ns = frame.stamp_ns + time.time_ns() - time.monotonic_ns()
     else:
@@ -111,13 +118,30 @@ def received_frame(
     metadata = FrameMetadata(stamp_ns, frame_id, encoding, topic)
     times = {'receive_ns': receive_ns, 'arrival_ns': receive_ns}
     if recorded and for_bag:
-        kind = COMPRESSED_IMAGE if frame.encoding == JPEG else IMAGE
-        return MessageFrame(metadata=metadata, message=recorded.message,
-                            channel=BagChannel(topic=topic, type_name=kind),
-                            publish_ns=recorded.publish_ns, number=recorded.number, **times)
+        return _message_frame(frame, recorded, metadata)
+    if recorded and isinstance(recorded.message, WireVideo) and frame.encoding == VIDEO:
+        return packet_frame(recorded.message, topic, receive_ns, receive_ns,
+                            number=recorded.number)
     if frame.encoding == JPEG:
         return CompressedFrame(metadata=metadata, data=frame.image.data, **times)
     return RawFrame(metadata=metadata, image=frame.image, **times)
+
+
+def _message_frame(
+    frame: CapturedFrame, recorded: Recorded, metadata: FrameMetadata,
+) -> MessageFrame:
+    """Return a frame of a bag as its message, or as a raw image if it was decoded from video."""
+    message, topic = recorded.message, recorded.topic
+    kind = COMPRESSED_IMAGE if frame.encoding == JPEG else IMAGE
+    if isinstance(message, WireVideo):
+        kind = message.type_name
+        if frame.encoding != VIDEO:
+            kind, topic = IMAGE, image_topic(topic)
+            message = array_to_wire(frame.image, find_encoding(frame.encoding), message.header)
+    return MessageFrame(
+        metadata=metadata, message=message, channel=BagChannel(topic=topic, type_name=kind),
+        publish_ns=recorded.publish_ns, number=recorded.number, receive_ns=recorded.log_ns,
+        arrival_ns=recorded.log_ns)
 
 
 def camera_info_message(recorded: Recorded) -> RecordedMessage:

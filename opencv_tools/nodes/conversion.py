@@ -24,6 +24,8 @@ from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.packet_frame import packet_frame
+from opencv_tools.video.messages import WireVideo
 
 
 class FrameConverter:
@@ -40,16 +42,22 @@ class FrameConverter:
         self._max_pixels = max_pixels
         self._arrivals = ArrivalClock()
 
-    def convert(self, message: WireMessage, topic: str, receive_ns: int) -> ReceivedFrame:
+    def convert(
+        self, message: WireMessage | WireVideo, topic: str, receive_ns: int,
+        publisher: bytes = b'', number: int = 0,
+    ) -> ReceivedFrame:
         """
         Convert a message to a frame.
 
-        :param message: raw or compressed image message.
+        :param message: raw or compressed image message, or message with video.
         :param topic: topic of the message.
         :param receive_ns: time of reception in nanoseconds of the system clock.
-        :returns: the frame, a view of the message; a compressed image is not decoded.
+        :param publisher: identifier of the publisher of video; b'' if unknown.
+        :param number: number of the message from its publisher; 0 if unknown.
+        :returns: the frame, a view of the message; a compressed image or video is not decoded.
         :raises CvBridgeError: the message is not a valid image.
         :raises SizeError: the image has too many pixels.
+        :raises ImageError: the video is damaged, or its codec is unknown.
         """
         arrival_ns = self._arrivals.arrival_ns(receive_ns)
         header = message.header
@@ -60,6 +68,10 @@ class FrameConverter:
                 metadata=FrameMetadata(stamp_ns, header.frame_id, message.format, topic),
                 receive_ns=receive_ns, arrival_ns=arrival_ns, data=message.data,
                 max_pixels=self._max_pixels)
+        if isinstance(message, WireVideo):
+            frame = packet_frame(message, topic, receive_ns, arrival_ns, publisher, number)
+            self._check_size(frame.packet.width, frame.packet.height)
+            return frame
         self._check_size(message.width, message.height)
         return RawFrame(
             metadata=FrameMetadata(stamp_ns, header.frame_id, message.encoding, topic),

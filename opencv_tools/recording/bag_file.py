@@ -26,6 +26,7 @@ from opencv_tools.recording.file_format import Room
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.recorder import Prepared
+from opencv_tools.video.messages import WireVideo
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +58,10 @@ class RecordedImage(RecordedMessage):
     """
     A frame for a bag.
 
-    :param image: the image message.
+    :param image: the message with an image or video.
     """
 
-    image: WireMessage
+    image: WireMessage | WireVideo
 
 
 @dataclass(kw_only=True)

@@ -22,13 +22,14 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 import time
+from typing import Any
 
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import (
     COMPRESSED_IMAGE, IMAGE, message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage,
     WireMessage)
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import SizeError
+from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import (
@@ -37,13 +38,16 @@ from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.file_sink import FileSink
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
+from opencv_tools.recording.frames import CompressedFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
     COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Limits
 from opencv_tools.units import NANO
+from opencv_tools.video.messages import WireVideo
+from opencv_tools.video.parameter_sets import is_key_frame, picture_size
 
 _MAX_WAITING = 1000  # other messages between two frames
 
@@ -62,6 +66,7 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         """
         self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
+        self._has_video = False  # the last frame
 
     def prepare(self, frame: ReceivedFrame) -> _Prepared:
         """Convert a frame to a message, without a copy of unchanged data; see `FileFormat`."""
@@ -73,7 +78,7 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         publish_ns, number = (frame.publish_ns, frame.number) if isinstance(
             frame, MessageFrame) else (0, 0)
         return RecordedImage(
-            image=message, channel=channel, parts=message_to_cdr_parts(message),
+            image=message, channel=channel, parts=_parts(message),
             log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
@@ -93,7 +98,19 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         """Write the message of a frame, or those of a batch; see `FileFormat`."""
         if isinstance(prepared, MessageBatch):
             return file.writer.write_batch(prepared)
+        self._has_video = isinstance(prepared.image, WireVideo)
         return file.writer.write(prepared)
+
+    def can_begin(self, prepared: _Prepared) -> bool:
+        """Return whether a bag can begin with a frame or batch; see `FileFormat`."""
+        if isinstance(prepared, MessageBatch):
+            return not self._has_video
+        message = prepared.image
+        try:
+            return not isinstance(message, WireVideo) or is_key_frame(
+                message.codec, bytes(message.data))
+        except ImageError:
+            return True
 
     def add_message(self, message: RecordedMessage) -> None:
         """Add a message that is not a frame; see `BagSink`."""
@@ -135,7 +152,14 @@ class BagSink(FileSink[BagFile, _Prepared]):
         self._bags.add_message(message)
 
 
-def _message(frame: ReceivedFrame) -> tuple[WireMessage, BagChannel]:
+def _parts(message: WireMessage | WireVideo) -> tuple[Any, ...]:
+    """Return the CDR of a message in parts; that of video is the received one."""
+    if isinstance(message, WireVideo):
+        return (message.serialized,)
+    return message_to_cdr_parts(message)
+
+
+def _message(frame: ReceivedFrame) -> tuple[WireMessage | WireVideo, BagChannel]:
     """Return the message of a frame, and its topic."""
     if isinstance(frame, MessageFrame):
         return frame.message, frame.channel
@@ -172,8 +196,14 @@ def _compressed_message(
     return message, BagChannel(topic=f'{metadata.topic}/compressed', type_name=COMPRESSED_IMAGE)
 
 
-def _description(message: WireMessage) -> tuple[str, tuple[int, int]]:
-    """Return the encoding and size of an image; 0 by 0 if a compressed image has no size."""
+def _description(message: WireMessage | WireVideo) -> tuple[str, tuple[int, int]]:
+    """Return the encoding and size of an image or video; 0 by 0 if its size is unknown."""
+    if isinstance(message, WireVideo):
+        try:
+            codec = message.codec
+            return codec, message.size or picture_size(codec, bytes(message.data)) or (0, 0)
+        except ImageError:
+            return message.encoding, (0, 0)
     if isinstance(message, WireImage):
         return message.encoding, (message.width, message.height)
     try:

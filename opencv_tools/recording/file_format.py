@@ -134,6 +134,18 @@ class FileFormat(ABC, Generic[W, P]):
         """Return whether a frame can continue a file."""
         return True
 
+    def can_begin(self, prepared: P) -> bool:
+        """Return whether a file can begin with a frame; else the file is split later."""
+        return True
+
+    def check(self, file: OpenFile[W] | None, frame: ReceivedFrame, prepared: P) -> None:
+        """
+        Check that a frame can be written, before all other steps.
+
+        :param file: file that would continue with the frame; None for a new one.
+        :raises KeyFrameNeeded: the frame is left out, because it needs others that are missing.
+        """
+
     def write_others(self, writer: W, prepared: P | None) -> None:
         """Write what was received before a frame, or at the end, but is no frame itself."""
 

@@ -23,7 +23,7 @@ from pathlib import Path
 import time
 from typing import Generic
 
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.recording.disk_outage import DiskOutage
 from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
 from opencv_tools.recording.file_format import FileFormat, FileWriter, OpenFile, P, Room, W
@@ -84,6 +84,7 @@ class FileSink(Generic[W, P]):
         :returns: path of the file; ``counts`` counts the frame when it is complete in the file.
         :raises LimitReached: the recording has reached its limits.
         :raises OSError: the file cannot be written; a new one begins when the disk has room.
+        :raises KeyFrameNeeded: the frame is left out, because it needs others that are missing.
         """
         if not self._file:
             self._outage.check(self._folder.path)
@@ -93,6 +94,8 @@ class FileSink(Generic[W, P]):
             self._outage.begin(err, self._file.writer.bytes_waiting if self._file else 0)
             self._end_after_error(error_text(err))
             raise
+        except KeyFrameNeeded:
+            raise  # the file continues with a key frame
         except ImageError as err:
             self._end_after_error(error_text(err))
             raise
@@ -118,13 +121,14 @@ class FileSink(Generic[W, P]):
 
     def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
         file = self._file
-        if file and (file.is_over(self._limits_of_one, frame) or not (
-                self._is_at_path(file) and self._format.continues(file, frame, prepared))):
+        if file and self._is_over(file, frame, prepared):
             self._end(file)
+        self._format.check(self._file, frame, prepared)
         is_written = not self._is_full and self._write(frame, prepared)
         if not is_written and self._ring and self._file:
             full = self._file.writer
             self._end(self._file)
+            self._format.check(None, frame, prepared)
             is_written = _has_content(full) and self._write(frame, prepared)
             if not is_written:
                 raise UnwritableError(self._refusal)
@@ -134,6 +138,13 @@ class FileSink(Generic[W, P]):
         if _has_content(self._file.writer):
             self._outage.end()
         return self._file.path
+
+    def _is_over(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
+        """Return whether a file ends before a frame."""
+        is_split = (file.is_over(self._limits_of_one, frame)
+                    and self._format.can_begin(prepared))
+        return is_split or not (
+            self._is_at_path(file) and self._format.continues(file, frame, prepared))
 
     def _write(self, frame: ReceivedFrame, prepared: P) -> bool:
         """Write a frame to the file, or to a new one; return False if that has no room."""

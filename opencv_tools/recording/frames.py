@@ -22,12 +22,8 @@ import time
 from typing import Any, ClassVar
 
 from numpy.typing import NDArray
-from opencv_tools.bags.writing import BagChannel
-from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.image_size import MAX_PIXELS
-from opencv_tools.image.layout import view_pixels
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.recording.naming import FrameMetadata
 
@@ -100,39 +96,6 @@ class CompressedFrame(ReceivedFrame):
         encoding = decoded_encoding(image, self.metadata.encoding)
         return RawFrame(metadata=replace(self.metadata, encoding=encoding.name), image=image,
                         receive_ns=self.receive_ns, arrival_ns=self.arrival_ns)
-
-
-@dataclass(frozen=True, kw_only=True)
-class MessageFrame(ReceivedFrame):
-    """
-    A frame as its message, for a bag.
-
-    :param message: immutable image message of any encoding.
-    :param channel: topic of the message as a bag describes it.
-    :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
-    :param number: number of the message from its publisher; 0 if unknown.
-    """
-
-    message: WireMessage
-    channel: BagChannel
-    publish_ns: int = 0
-    number: int = 0
-
-    def decode(self) -> RawFrame:
-        """
-        Return the frame as pixels.
-
-        :raises ImageError: the message is not a valid image.
-        """
-        message, times = self.message, {
-            'receive_ns': self.receive_ns, 'arrival_ns': self.arrival_ns}
-        if isinstance(message, WireCompressedImage):
-            return CompressedFrame(metadata=self.metadata, data=message.data, **times).decode()
-        encoding = find_encoding(message.encoding)
-        image = view_pixels(message.data, message.height, message.width, message.step, encoding,
-                            message.is_bigendian)
-        return RawFrame(metadata=self.metadata, image=image.astype(encoding.dtype, copy=False),
-                        **times)
 
 
 class ArrivalClock:

@@ -40,6 +40,9 @@ from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.format import VideoFormat
 from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS
 
+#: File name extensions of the formats that hold packets of video, without decoding.
+KEEPS_PACKETS = ('.mkv', '.mp4', BAG_SUFFIX)
+
 # Remedies for errors of the output folder, where the text of the system error names none.
 _REMEDIES = {
     errno.EEXIST: 'it is a file or a broken link; set output_dir to a folder',

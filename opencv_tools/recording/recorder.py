@@ -23,7 +23,7 @@ from pathlib import Path
 from threading import Lock, Thread
 from typing import Generic, Protocol, TypeVar
 
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.logs import Log
 from opencv_tools.recording.errors import error_text, LimitReached
 from opencv_tools.recording.failure_log import FailureLog
@@ -31,6 +31,7 @@ from opencv_tools.recording.frame_queue import FrameQueue
 from opencv_tools.recording.frames import ReceivedFrame
 
 QUEUE_SIZE = 64  # frames
+_LEFT_OUT_SECONDS = 10.0  # between two warnings
 
 # Called with the path of a written frame, or with the reason why it was not written.
 OnDone = Callable[[Path | str], object]
@@ -96,6 +97,7 @@ class FrameCounts:
     dropped: int = 0
     failed: int = 0
     skipped: int = 0
+    left_out: int = 0  # packets of video that need others, which are missing
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,11 @@ class Recorder(Generic[P]):
                 self.is_full = True
                 self._log.info(f'Recording limit reached: {err}')
                 self._on_full()
+            job.done(str(err))
+        except KeyFrameNeeded as err:
+            self.counts.left_out += job.frame.count
+            self._log.warning(f'a frame was left out until the next key frame: {err}',
+                              every=_LEFT_OUT_SECONDS, key='left out')
             job.done(str(err))
         except Exception as err:  # noqa: B902 - as above
             self.counts.failed += job.frame.count

@@ -136,8 +136,9 @@ class ImageSource:
             if image is None:  # which counts as lost
                 continue
             frame: QueuedFrame = image if isinstance(image, CdrError) else ReceivedMessage(
-                image, received_ns or time.time_ns(), *(
-                    (info.source_timestamp, info.number) if info else ()))
+                image, received_ns or time.time_ns(),
+                publish_ns=info.source_timestamp if info else 0,
+                number=info.number if info else 0, publisher=publisher)
             self._queue.put(frame, publisher, Position(info.number) if info else None,
                             keeps_all=keeps_all)
         return received_ns

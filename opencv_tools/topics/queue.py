@@ -43,6 +43,7 @@ class ReceivedMessage:
     :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
     :param number: number that the publisher gave; 0 if unknown.
     :param camera_info: calibration with the same stamp, if it was requested.
+    :param publisher: identifier of the publisher of video; b'' if unknown.
     """
 
     message: AnyMessage
@@ -50,6 +51,7 @@ class ReceivedMessage:
     publish_ns: int = 0
     number: int = 0
     camera_info: CameraInfo | None = None
+    publisher: bytes = b''
 
     @property
     def image(self) -> WireMessage:

@@ -150,7 +150,7 @@ def test_compressed_images_pass_byte_for_byte(
     png = cv2.imencode('.png', random_image('16UC1', 8, 12))[1].tobytes()
     entries = [compressed_entry(0, JPEG_BYTES), compressed_entry(1, b'\xff\xd8 no picture'),
                compressed_entry(2, png, '16UC1; png compressed '),
-               compressed_entry(3, b'the future', 'av1')]
+               compressed_entry(3, b'the future', 'av2')]
     write_mcap(tmp_path / 'a.mcap', entries)
     played = Played(start, node, CompressedImage, source='a.mcap', stamp='original',
                     encoding='bgr8').messages(CompressedImage)

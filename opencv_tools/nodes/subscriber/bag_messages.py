@@ -21,16 +21,18 @@ import time
 from typing import Any
 
 from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.logs import Log, Throttle
 from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.frames import ArrivalClock, MessageFrame
+from opencv_tools.recording.frames import ArrivalClock
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.transport.zero_copy import take_serialized
+from opencv_tools.video.messages import VIDEO_TOPICS, WireVideo
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -64,6 +66,7 @@ class BagMessages:
         self._on_message = on_message
         self._arrivals = ArrivalClock()
         self._channels: dict[tuple[str, str], BagChannel] = {}
+        self._image_topics: dict[str, str] = {}
         self._throttle = Throttle()
         self._subscribe(camera_info_topic(topic), [])
 
@@ -71,14 +74,17 @@ class BagMessages:
         """
         Return a message as a frame, without a check of its content.
 
-        :param received: raw or compressed image message.
+        :param received: raw or compressed image message, or message with video.
         :param topic: topic of the message, after remapping.
         """
         message = received.message
         if isinstance(message, WireCompressedImage):
             type_name, encoding = COMPRESSED_IMAGE, message.format
+        elif isinstance(message, WireVideo):
+            type_name, encoding = message.type_name, message.encoding
         else:
             type_name, encoding = IMAGE, message.encoding
+            topic = self._topic_of_images(topic)
         header = message.header
         self._follow_camera_info(camera_info_topic(topic))
         return MessageFrame(
@@ -129,6 +135,13 @@ class BagMessages:
         self._on_message(RecordedMessage(
             channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
             publish_ns=source_ns or log_ns, number=number))
+
+    def _topic_of_images(self, topic: str) -> str:
+        """Return the topic of raw images, which may be decoded from a video topic."""
+        if topic not in self._image_topics:
+            is_video = any(self._offers(topic, type_name) for type_name in VIDEO_TOPICS)
+            self._image_topics[topic] = image_topic(topic) if is_video else topic
+        return self._image_topics[topic]
 
     def _channel(self, topic: str, type_name: str) -> BagChannel:
         """Return a topic as a bag describes it, with the publishers at its first message."""

@@ -25,7 +25,7 @@ from opencv_tools.nodes.settings import NodeSettings, priority_parameter
 from opencv_tools.rate_limit import MAX_RATE
 from opencv_tools.recording.naming import check_folder, FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
-from opencv_tools.recording.open_sink import check_format, check_limits
+from opencv_tools.recording.open_sink import check_format, check_limits, KEEPS_PACKETS
 from opencv_tools.recording.recorder import QUEUE_SIZE
 from opencv_tools.recording.selection import Limits
 from opencv_tools.topics.errors import ParameterError
@@ -149,6 +149,12 @@ class RecorderSettings(NodeSettings):
         if self.on_overflow == 'block':
             return None
         return max(_LEAST_DEPTH, min(self.queue_size, _LARGEST_DEPTH))
+
+    @property
+    def decodes_video(self) -> bool:
+        """Whether video is decoded: for images and .avi, and for a part of the frames."""
+        is_partial = self.every_n > 1 or self.max_rate > 0 or self.mode != 'continuous'
+        return is_partial or FileNames(self.file_name).suffix not in KEEPS_PACKETS
 
     @property
     def limits(self) -> Limits:

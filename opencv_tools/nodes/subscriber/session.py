@@ -31,6 +31,7 @@ from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
 from opencv_tools.regular_files import user_path
@@ -54,6 +55,7 @@ class RecordingSession:
         :raises RecordingError: the output folder cannot be used.
         """
         self.skipped = 0  # frames that were not selected
+        self.left_out = 0  # packets of video before the first key frame
         self._node = node
         self._on_end = on_end
         self._has_ended = False
@@ -76,6 +78,9 @@ class RecordingSession:
     def record(self, frame: ReceivedFrame) -> None:
         """Record a frame if it is selected or requested."""
         selection = self._selection
+        if isinstance(frame, PacketFrame) and not (selection.has_begun or frame.packet.is_key):
+            self.left_out += 1
+            return
         if self._is_late():
             self.skipped += 1
             return

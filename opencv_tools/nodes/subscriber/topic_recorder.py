@@ -40,6 +40,7 @@ from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
+from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -74,6 +75,7 @@ class TopicRecorder:
         self._node = node
         self._patterns = patterns
         self._excluded = {image_topic, f'{image_topic}/compressed', f'{image_topic}{SUFFIX}',
+                          *(f'{image_topic}/{name}' for name in VIDEO_TOPICS.values()),
                           camera_info_topic(image_topic)}
         self._log = log
         self._types = TopicTypes(node)

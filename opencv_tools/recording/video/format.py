@@ -12,11 +12,16 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Videos as files of a recording; a new video begins when a frame does not fit."""
+"""
+Videos as files of a recording; a new video begins when a frame does not fit.
+
+Packets of video are copied. All other frames are encoded. A file has frames of one kind.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError
@@ -25,14 +30,22 @@ from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
+from opencv_tools.recording.packet_frame import PacketFrame
+from opencv_tools.recording.video.container import VideoFile
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
+from opencv_tools.recording.video.packets import (
+    CopiedStream, PacketOrder, prepare_packet, PreparedPacket)
 from opencv_tools.recording.video.writer import VideoWriter
 
 # Changes of the size after which a warning is logged.
 _MANY_CHANGES = 3
 
 
-class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
+# What a video takes as one.
+_Prepared = VideoFrame | PreparedPacket
+
+
+class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     """Write frames to videos, which always play."""
 
     def __init__(self, settings: EncoderSettings) -> None:
@@ -44,9 +57,12 @@ class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
         self._settings = settings
         self._size = (0, 0)
         self._changes = 0  # of the size
+        self._order = PacketOrder()
 
-    def prepare(self, frame: ReceivedFrame) -> VideoFrame:
-        """Convert a frame for the encoder; see `FileFormat`."""
+    def prepare(self, frame: ReceivedFrame) -> _Prepared:
+        """Convert a frame for the encoder, or read a packet; see `FileFormat`."""
+        if isinstance(frame, PacketFrame):
+            return prepare_packet(frame.packet)
         raw = frame.decode()
         try:
             return to_video_frame(
@@ -55,26 +71,40 @@ class VideoFormat(FileFormat[VideoWriter, VideoFrame]):
             raise UnwritableError(f'{err}; set the extension of file_name to '
                                   f'{formats_for(_image_type(raw))}') from err
 
-    def create(self, path: Path, frame: ReceivedFrame, prepared: VideoFrame, room: Room,
-               ) -> VideoWriter:
-        """Create a video with the size and pixel format of a frame; see `FileFormat`."""
-        self._count_changes(prepared.stream_format[:2])
+    def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
+               ) -> VideoFile[Any]:
+        """Create a video with the size and format of a frame; see `FileFormat`."""
+        self._count_changes(prepared.size)
+        if isinstance(prepared, PreparedPacket):
+            return VideoFile(path, CopiedStream(prepared), frame.time_ns, room)
         return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room)
 
-    def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: VideoFrame,
+    def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: _Prepared,
               ) -> ManifestEntry:
         """Return the manifest entry of a video; see `FileFormat`."""
-        return file_entry(seq, name, frame, 'h264', prepared.stream_format[:2])
+        codec = prepared.packet.codec if isinstance(prepared, PreparedPacket) else 'h264'
+        return file_entry(seq, name, frame, codec, prepared.size)
 
-    def write(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
+    def write(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
               ) -> bool:
-        """Encode a frame; see `FileFormat`."""
+        """Encode a frame, or copy a packet; see `FileFormat`."""
         return file.writer.write(prepared, file.time_ns(frame))
 
-    def continues(self, file: OpenFile[VideoWriter], frame: ReceivedFrame, prepared: VideoFrame,
+    def continues(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
                   ) -> bool:
         """Return whether a frame fits a video; see `FileFormat`."""
         return file.writer.fits(prepared, file.time_ns(frame))
+
+    def can_begin(self, prepared: _Prepared) -> bool:
+        """Return whether a video can begin with a frame; see `FileFormat`."""
+        return not isinstance(prepared, PreparedPacket) or bool(prepared.sets)
+
+    def check(self, file: OpenFile[VideoFile[Any]] | None, frame: ReceivedFrame,
+              prepared: _Prepared) -> None:
+        """Check that a packet does not need others that are missing; see `FileFormat`."""
+        if isinstance(frame, PacketFrame) and isinstance(prepared, PreparedPacket):
+            begins = file is None or not isinstance(file.writer.stream, CopiedStream)
+            self._order.check(frame, prepared, begins)
 
     def _count_changes(self, size: tuple[int, int]) -> None:
         """Warn once of frames that change their size again and again."""

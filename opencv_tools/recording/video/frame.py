@@ -52,6 +52,11 @@ class VideoFrame(Prepared):
         """Properties that all frames of a file share: width, height and pixel format."""
         return self.frame.width, self.frame.height, self.frame.format.name
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.frame.width, self.frame.height
+
 
 def to_video_frame(
     image: NDArray[Any], encoding_name: str, suffix: str, to_color: bool = False,

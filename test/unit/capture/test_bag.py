@@ -116,7 +116,7 @@ def test_metadata_of_a_frame(tmp_path: Path) -> None:
 @pytest.mark.parametrize(('data', 'format_text'), [
     (JPEG_BYTES, 'jpeg'), (JPEG_BYTES, 'rgb8; jpeg compressed bgr8'),
     (cv2.imencode('.png', np.zeros((8, 16), np.uint16))[1].tobytes(), '16UC1; png compressed '),
-    (b'', 'jpeg'), (b'codec of the future', 'av1')])
+    (b'', 'jpeg'), (b'codec of the future', 'av2')])
 def test_compressed_image_is_passed_on_byte_for_byte(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, format_text: str) -> None:
     for name in ('decode_image', 'encode_image', 'convert_image'):

@@ -45,9 +45,10 @@ from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
 from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError
 from opencv_tools.recording.finishing import finish_bags
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, MessageFrame, ReceivedFrame
+from opencv_tools.recording.frames import CompressedFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, open_sink
 from opencv_tools.recording.recorder import Recorder
@@ -517,7 +518,7 @@ RECORD = """
 import pathlib, sys
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireHeader, WireImage
-from opencv_tools.recording.frames import MessageFrame
+from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import open_sink

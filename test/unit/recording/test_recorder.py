@@ -30,7 +30,7 @@ from opencv_tools.recording.image_encoder import encode_frame, EncodedImage, Enc
 from opencv_tools.recording.image_sink import ImageSink
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
-from opencv_tools.recording.recorder import Recorder, SinkCounts
+from opencv_tools.recording.recorder import FrameCounts, Recorder, SinkCounts
 from opencv_tools.recording.selection import Limits
 import pytest
 from recordings import frame_of, gray_frame, gray_numbers, image_sink, record
@@ -43,7 +43,7 @@ def test_frames_are_numbered_in_the_order_of_arrival(tmp_path: Path) -> None:
     assert [path.name for path in recorded_files(folder)] == [
         f'{number:03d}.png' for number in range(50)]
     assert gray_numbers(folder) == list(range(50))
-    assert vars(recorder.counts) == {'written': 50, 'dropped': 0, 'failed': 0, 'skipped': 0}
+    assert recorder.counts == FrameCounts(written=50)
 
 
 class SlowSink(ImageSink):
@@ -76,7 +76,7 @@ def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_sink: SlowSink) 
     assert gray_numbers(tmp_path) == [0, 17, 18, 19]
     assert [path.name for path in recorded_files(tmp_path)] == [
         '000.png', '001.png', '002.png', '003.png']
-    assert vars(recorder.counts) == {'written': 4, 'dropped': 16, 'failed': 0, 'skipped': 0}
+    assert recorder.counts == FrameCounts(written=4, dropped=16)
     assert [line.partition(':')[0] for line in console.lines] == ['warning']
 
 
@@ -128,7 +128,7 @@ def test_queue_that_is_abandoned(tmp_path: Path, slow_sink: SlowSink) -> None:
     assert outcomes == [tmp_path / '000.png'] + ['the recording was interrupted'] * 4
     assert gray_numbers(tmp_path) == [0]
     assert recorder.abandoned == 4
-    assert vars(recorder.counts) == {'written': 1, 'dropped': 0, 'failed': 0, 'skipped': 0}
+    assert recorder.counts == FrameCounts(written=1)
 
 
 def test_bad_frame_is_logged_once_and_numbering_continues(tmp_path: Path) -> None:
@@ -223,7 +223,7 @@ def test_failure_of_close_is_logged_once() -> None:
     recorder.put(gray_frame(0))
     recorder.close()
     recorder.close()
-    assert vars(recorder.counts) == {'written': 1, 'dropped': 0, 'failed': 0, 'skipped': 0}
+    assert recorder.counts == FrameCounts(written=1)
     assert recorder.is_unfinished
     assert console.lines == ['error: the recording was not finished: Input/output error']
 
@@ -247,7 +247,7 @@ def test_frame_is_counted_when_its_outcome_is_known() -> None:
     for number in range(5):
         recorder.put(gray_frame(number))
     recorder.close()
-    assert vars(recorder.counts) == {'written': 3, 'dropped': 0, 'failed': 2, 'skipped': 0}
+    assert recorder.counts == FrameCounts(written=3, failed=2)
     assert console.lines == ['error: a frame was not written: the disk is full']
 
 
