@@ -27,6 +27,7 @@ from opencv_tools.units import NANO
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import has_parameter_sets, is_key_frame, parameter_sets
 from opencv_tools.video.pixels import to_i420
+from opencv_tools.video.scheduling import kept_scheduling
 from opencv_tools.video.settings import (
     encoder_options, find_encoder, import_av, VideoSettings)
 
@@ -160,5 +161,6 @@ class VideoEncoder:
         context.framerate, context.time_base = self._rate, 1 / self._rate
         context.thread_type = 'SLICE'
         context.options = encoder_options(self._settings, width, height, float(self._rate))
-        context.open()
+        with kept_scheduling():
+            context.open()
         return context

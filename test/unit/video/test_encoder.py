@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import av
 from av.video.frame import PictureType
 import numpy as np
@@ -205,3 +208,14 @@ def test_nothing_on_standard_streams(codec: str, capfd: pytest.CaptureFixture[st
     VideoDecoder(codec).decode(sent[0].data)
     assert picture_size(codec, sent[0].data) == (64, 64)
     assert capfd.readouterr() == ('', '')
+
+
+@every_codec
+def test_scheduling_of_threads_is_kept(codec: str) -> None:
+    """As root, SVT-AV1 would make this thread and all later ones real-time threads."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    encoder = VideoEncoder(VideoSettings(codec=codec), 64, 64, 30)
+    assert (os.sched_getscheduler(0), os.sched_getparam(0)) == before
+    assert {os.sched_getscheduler(int(task.name))
+            for task in Path('/proc/self/task').iterdir()} == {before[0]}
+    assert encoder.encode(draw(64, 64, 0), 'bgr8', 0).is_key
