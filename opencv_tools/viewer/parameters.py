@@ -57,6 +57,9 @@ class ViewerSettings(NodeSettings):
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto prefers compressed images',
         choices=tuple(name for name in TRANSPORTS if name != 'video'))
+    video: str = parameter(
+        'auto', 'Whether pages get video that their browser decodes; auto passes video topics on, '
+        'and always encodes images too', choices=('auto', 'never', 'always'))
     viewers: int = parameter(
         32, 'Maximum number of open pages and streams', bounds=(1, 1000))
     allowed_hosts: str = parameter(
@@ -89,6 +92,11 @@ class ViewerSettings(NodeSettings):
         if self.key and not self.certificate:
             raise ParameterError(
                 f'key is {self.key!r}, but certificate is empty: set certificate as well')
+
+    @property
+    def shown_video(self) -> str:
+        """Value of ``video`` for the pages; with ``width`` it is never, as video is not scaled."""
+        return 'never' if self.width else self.video
 
     @property
     def patterns(self) -> tuple[str, ...]:
