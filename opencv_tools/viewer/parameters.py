@@ -23,6 +23,7 @@ from opencv_tools.nodes.settings import NodeSettings
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.viewer.access import AUTOMATIC, check_origins, check_token
+from opencv_tools.viewer.certificate import AUTOMATIC_CERTIFICATE
 
 
 def _check_address(text: str) -> None:
@@ -68,7 +69,8 @@ class ViewerSettings(NodeSettings):
         '', 'Origins of other pages that may show /stream and /snapshot, separated by commas, '
         'such as http://192.168.1.5:3000', check=check_origins)
     certificate: str = parameter(
-        '', 'File with the certificate for https, in PEM format; empty for http')
+        '', 'File with the certificate for https, in PEM format; auto creates one, and empty is '
+        'for http')
     key: str = parameter(
         '', 'File with the private key of the certificate, in PEM format; empty if the '
         'certificate file has it')
@@ -92,6 +94,9 @@ class ViewerSettings(NodeSettings):
         if self.key and not self.certificate:
             raise ParameterError(
                 f'key is {self.key!r}, but certificate is empty: set certificate as well')
+        if self.key and self.certificate == AUTOMATIC_CERTIFICATE:
+            raise ParameterError(
+                f'key is {self.key!r}, but certificate is auto, which has its own: set only one')
 
     @property
     def shown_video(self) -> str:

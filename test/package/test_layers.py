@@ -36,7 +36,8 @@ PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs',
         'opencv_tools.video.bit_stream', 'opencv_tools.video.packet',
         'opencv_tools.video.parameter_sets', 'opencv_tools.video.sequence_header',
         'opencv_tools.video.settings',
-        'opencv_tools.viewer.access', 'opencv_tools.viewer.errors',
+        'opencv_tools.viewer.access', 'opencv_tools.viewer.certificate',
+        'opencv_tools.viewer.errors',
         'opencv_tools.viewer.link_rate', 'opencv_tools.viewer.page_files',
         'opencv_tools.viewer.protocol')
 ALLOWED = {
@@ -103,6 +104,7 @@ ALLOWED = {
         'opencv_tools.nodes', 'opencv_tools.topics', 'opencv_tools.video', 'cv2',
         'rcl_interfaces', 'rclpy', 'std_srvs', 'tornado'},
     'opencv_tools.viewer.access': {'opencv_tools.image.text', 'opencv_tools.viewer.errors'},
+    'opencv_tools.viewer.certificate': {'opencv_tools.viewer.errors'},
     'opencv_tools.viewer.errors': set(),
     'opencv_tools.viewer.link_rate': {'opencv_tools.viewer.protocol'},
     'opencv_tools.viewer.page_files': set(),
