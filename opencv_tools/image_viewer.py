@@ -65,6 +65,9 @@ class ImageViewer(ClosableNode):
                 print(invitation, file=sys.stderr, flush=True)
         else:
             log.info(invitation)
+        if self._server.fingerprint:
+            log.info('The certificate was created by this node. Browsers warn of it; its SHA-256 '
+                     f'is {self._server.fingerprint}')
 
     def close(self) -> int:
         """

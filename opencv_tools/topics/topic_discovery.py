@@ -125,7 +125,8 @@ class TopicDiscovery:
         self.allowed = sorted(
             (possible for possible in self._possible
              if possible.type_name in TRANSPORTS[transport]),
-            key=lambda allowed: prefers_compressed and allowed.type_name == IMAGE)
+            key=lambda allowed: prefers_compressed * (
+                2 * allowed.is_video + (allowed.type_name == IMAGE)))
         self._video = [possible for possible in self.allowed if possible.is_video]
         self._host: bytes | None = None  # of this process
 

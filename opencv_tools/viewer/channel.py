@@ -23,7 +23,7 @@ from typing import Any
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.link_rate import LinkRate
+from opencv_tools.viewer.link_rate import LinkRate, MAX_WINDOW
 from opencv_tools.viewer.protocol import step_width, ViewOptions
 from opencv_tools.viewer.stream import Stream
 
@@ -37,6 +37,9 @@ class Channel:
 
     There is no queue. Frames that arrive meanwhile are skipped.
     """
+
+    #: Largest number of pictures that the page has not read.
+    window = MAX_WINDOW
 
     def __init__(
         self, stream: Stream, options: ViewOptions, send: Callable[[NewFrame, Picture], int],
@@ -64,7 +67,7 @@ class Channel:
 
     def set_options(self, options: ViewOptions) -> None:
         """Change what the viewer requests, and send the newest frame so."""
-        self._options = options
+        self.options = options
         self._width = options.width if options.fixed else step_width(options.width)
         self._link: LinkRate | None = None
         self._source_width = 0
@@ -85,7 +88,7 @@ class Channel:
         if (frame is None or frame.number == self._number or self._is_encoding
                 or self._is_closed or self._timer or len(self._unanswered) >= window):
             return
-        now, period = self._loop.time(), 1 / self._options.rate
+        now, period = self._loop.time(), 1 / self.options.rate
         wait = self._due - _EARLY * period - now
         if wait > 0:
             self._timer = self._loop.call_later(wait, self._end_wait)
@@ -103,7 +106,7 @@ class Channel:
         sent_at, size = self._unanswered.pop(sequence)
         now = self._loop.time()
         if self._link:
-            period = max(1 / self._options.rate, 1 / (self.stream.feed.rate or 1000))
+            period = max(1 / self.options.rate, 1 / (self.stream.feed.rate or 1000))
             self._link.answered(size, now - sent_at, period, now)
         self.frame_arrived()
         return True
@@ -124,7 +127,7 @@ class Channel:
         self.frame_arrived()
 
     def _picture_options(self) -> PictureOptions:
-        options = self._options
+        options = self.options
         width, quality = self._width, options.quality
         if self._link:
             width, quality = self._link.width, self._link.quality
@@ -144,7 +147,7 @@ class Channel:
         if self._link is None or source_width != self._source_width:
             self._source_width = source_width
             width = min(self._width or source_width, source_width)
-            self._link = LinkRate(width, self._options.quality, self._options.fixed)
+            self._link = LinkRate(width, self.options.quality, self.options.fixed)
         now = self._loop.time()
         self._unanswered[self._send(frame, picture)] = now, len(picture.data)
         self._sent.add()

@@ -114,6 +114,22 @@ def encode_picture(message: WireMessage, options: PictureOptions) -> Picture:
     return _encode_compressed(message, options)
 
 
+def message_pixels(message: WireMessage) -> tuple[NDArray[Any], str]:
+    """
+    Return the array of an image message, and its encoding.
+
+    :raises ImageError: the message is not a valid image.
+    :raises CvBridgeError: the message is not a valid image.
+    """
+    if isinstance(message, WireImage):
+        check_size(message.width, message.height, MAX_PIXELS)
+        return _BRIDGE.imgmsg_to_cv2(message), message.encoding
+    content = bytes(message.data)
+    check_size(*image_size(content), MAX_PIXELS)
+    image = decode_image(content)
+    return image, decoded_encoding(image, message.format).name
+
+
 def _encode_compressed(message: WireCompressedImage, options: PictureOptions) -> Picture:
     content = bytes(message.data)
     described = parse_format(message.format).codec[:20]

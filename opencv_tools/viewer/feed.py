@@ -51,7 +51,12 @@ class NewFrame:
     @property
     def stamp(self) -> float:
         """Return the stamp of the message in seconds."""
-        return self.message.header.sec + self.message.header.nanosec / NANO
+        return self.stamp_ns / NANO
+
+    @property
+    def stamp_ns(self) -> int:
+        """Return the stamp of the message in nanoseconds."""
+        return self.message.header.sec * NANO + self.message.header.nanosec
 
 
 class Feed:
@@ -88,14 +93,18 @@ class Feed:
         """Replace the newest frame."""
         self.newest = NewFrame(next(self._numbers), received.image, received.receive_ns)
         self.error = ''
-        self._arrived()
+        self.arrived()
+
+    def arrived(self) -> None:
+        """Count a frame, and announce it."""
+        self._count_arrival()
         self._on_frame()
 
     def count_broken(self, err: Exception) -> None:
         """Count a message that cannot be read."""
         self.broken += 1
         self.error = printable(err, MAX_MESSAGE)
-        self._arrived()
+        self._count_arrival()
 
     @property
     def frames(self) -> int:
@@ -127,6 +136,6 @@ class Feed:
             self._silent_at = now
         return now - self._silent_at >= _SECOND_LOOK_SECONDS
 
-    def _arrived(self) -> None:
+    def _count_arrival(self) -> None:
         self._meter.add()
         self._silent_at = None

@@ -23,14 +23,16 @@ import itertools
 from typing import Any
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
+from opencv_tools.video.messages import VIDEO_TOPICS
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.feed import Feed
-from opencv_tools.viewer.protocol import COMPRESSED
+from opencv_tools.viewer.packets import PACKETS
+from opencv_tools.viewer.protocol import base_name, VIDEOS
 from rclpy.node import Node
 
 #: Name and transport of a subscription.
@@ -42,19 +44,21 @@ _MAX_NUMBERS = 10_000
 
 # Number of frames that the middleware keeps while the executor is busy.
 _DEPTH = 3
-_TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed'}
+_PACKET_DEPTH = 60  # a missing packet ends the video until the next key frame
+_TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed',
+               **dict.fromkeys(VIDEO_TOPICS, 'video')}
 # Codecs of other transports, whose messages are not images that OpenCV can decode.
-_OTHER_TRANSPORTS = ('/compressedDepth', '/theora', '/zstd', '/ffmpeg')
+_OTHER_TRANSPORTS = ('/compressedDepth', '/theora', '/zstd')
 
 
 @dataclass(kw_only=True)
 class ViewTopic:
     """
-    An image topic, raw and compressed together.
+    An image topic: raw, compressed and video together.
 
     :param number: number of the topic, which never changes.
-    :param name: name of the topic, without ``/compressed``.
-    :param transports: published transports, ``raw`` and ``compressed``.
+    :param name: name of the topic, without the end of a transport.
+    :param transports: published transports: ``raw``, ``compressed`` and ``video``.
     :param nodes: names of the publishing nodes.
     :param publishers: number of publishers.
     """
@@ -69,6 +73,20 @@ class ViewTopic:
         """Return the values of the protocol."""
         values = asdict(self)
         return {'id': values.pop('number'), **values}
+
+    def transport(self, default: str, *, original: bool = False, video: bool = False) -> str:
+        """
+        Return the transport of a subscription.
+
+        :param default: transport for pictures.
+        :param original: whether raw images are preferred to other ones.
+        :param video: whether packets of video are preferred.
+        """
+        if video and 'video' in self.transports:
+            return PACKETS
+        if original and 'raw' in self.transports and len(self.transports) > 1:
+            return 'raw'
+        return default
 
 
 @dataclass(frozen=True)
@@ -107,6 +125,14 @@ class GraphState:
     feeds: dict[FeedKey, FeedState] = field(default_factory=dict)
     nodes: dict[str, list[str]] = field(default_factory=dict)
 
+    def describe_unknown(self, name: str) -> str:
+        """Return the sentence about a name that is not an image topic."""
+        sentence = f'{printable(name)} is not an image topic; '
+        if not self.topics:
+            return f'{sentence}no images are published'
+        return (f'{sentence}the image topics are '
+                f'{enumerated([*self.topics], further=self.more)}')
+
 
 class Graph:
     """Find the image topics, and subscribe to those that somebody looks at."""
@@ -141,14 +167,19 @@ class Graph:
         """Subscribe to a topic; its frames go to a feed."""
         if key not in self._open:
             name, transport = key
+            options = SubscriptionOptions(
+                transport='video', depth=_PACKET_DEPTH, decodes_video=False,
+            ) if transport == PACKETS else SubscriptionOptions(
+                transport=transport, depth=_DEPTH, prefers_compressed=True)
             self._open[key] = feed, FrameSubscription(
-                self._node, name, self._log, feed.put, feed.count_broken, SubscriptionOptions(
-                    transport=transport, depth=_DEPTH, prefers_compressed=True))
+                self._node, name, self._log, feed.put, feed.count_broken, options)
 
-    def close(self, key: FeedKey, feed: Feed) -> None:
-        """Unsubscribe the feed of a topic."""
-        if key in self._open and self._open[key][0] is feed:
+    def close(self, key: FeedKey, feed: Feed) -> bool:
+        """Unsubscribe the feed of a topic; return whether it was subscribed."""
+        is_open = key in self._open and self._open[key][0] is feed
+        if is_open:
             self._open.pop(key)[1].destroy()
+        return is_open
 
     def close_all(self) -> None:
         """Unsubscribe from all topics."""
@@ -180,11 +211,11 @@ class Graph:
         return dict(sorted(found.items())), len(others)
 
     def _published(self) -> Iterator[tuple[str, str]]:
-        """Yield the names of the published image topics, without and with ``/compressed``."""
+        """Yield the names of the published image topics, without and with their ends."""
         types_shown = {name for name, transport in _TRANSPORTS.items()
                        if self._transport in ('auto', transport)}
         for name in image_topics(self._node, types_shown):
-            base = name.removesuffix(COMPRESSED) or name
+            base = base_name(name)
             if not name.endswith(_OTHER_TRANSPORTS) and self._is_wanted(base):
                 yield base, name
 
@@ -206,17 +237,26 @@ class Graph:
         return ViewTopic(number=self._numbers[name], name=name)
 
     def _add_publishers(self, found: dict[str, ViewTopic], base: str, name: str) -> None:
-        """Add the publishers of a raw or compressed topic to the image topic."""
+        """Add the publishers of a raw, compressed or video topic to the image topic."""
+        count = 0
         for info in self._node.get_publishers_info_by_topic(name):
             transport = _TRANSPORTS.get(info.topic_type)
-            if transport is None or self._transport not in ('auto', transport):
+            if transport is None or self._transport not in ('auto', transport) or (
+                    name.endswith(VIDEOS) and transport != 'video'):
                 continue
+            count += 1
             if base not in found:
                 found[base] = self._topic(base)
             topic = found[base]
             node = printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
-            topic.publishers += name == base or 'raw' not in topic.transports
+            topic.publishers = max(topic.publishers, count)
             if transport not in topic.transports:
                 topic.transports.append(transport)
             if node not in topic.nodes and info.node_name != UNKNOWN_NODE:
                 topic.nodes.append(node)
+
+
+def open_again(graph: Graph, key: FeedKey, feed: Feed) -> None:
+    """Subscribe the feed of a topic again, for a key frame."""
+    if graph.close(key, feed):
+        graph.open(key, feed)

@@ -23,15 +23,19 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
 from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.encoded_video import video_source
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.graph import FeedKey, Graph, GraphState, NO_STATE, ViewTopic
+from opencv_tools.viewer.feed import Feed
+from opencv_tools.viewer.graph import (
+    FeedKey, Graph, GraphState, NO_STATE, open_again, ViewTopic)
+from opencv_tools.viewer.packets import PacketFeed, PACKETS
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewOptions
 from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.video_source import VideoSource
 
 _T = TypeVar('_T')
 # Time after the last viewer until the subscription ends, for a reload of the page.
@@ -80,6 +84,8 @@ class Hub:
         self._loop = asyncio.get_running_loop()
         self._guests = 0
         self._streams: dict[FeedKey, Stream] = {}
+        #: Sources of the streams that pages get as video.
+        self.videos: dict[FeedKey, VideoSource] = {}
         self._users: dict[FeedKey, int] = {}
         self._pending: asyncio.Future[GraphState] | None = None
         self._poll: asyncio.Task[None] | None = None
@@ -124,23 +130,28 @@ class Hub:
 
     # Streams
 
-    async def acquire(self, name: str, original: bool = False) -> Stream:
+    async def acquire(self, name: str, original: bool = False, video: bool = False) -> Stream:
         """
         Return the stream of a topic; the caller releases it.
 
         :param name: name of the topic.
-        :param original: whether raw images are preferred to compressed ones.
+        :param original: whether raw images are preferred to other ones.
+        :param video: whether the stream gets one of ``videos``, if the parameters allow it.
         :raises RequestError: there is no such image topic.
         """
         topic = await self._find(name)
-        is_raw = original and len(topic.transports) > 1
-        key = name, 'raw' if is_raw else self.settings.transport
+        key = name, topic.transport(self.settings.transport, original=original, video=video)
         stream = self._streams.get(key)
         if stream is None:
             stream = self._streams[key] = Stream(
-                topic.number, key, self._loop, self._pool, self._log)
-            feed = stream.feed
-            self._calls.call(lambda: self._graph.open(key, feed), feed.opened)
+                topic.number, key, self._loop, self._pool, self._log,
+                PacketFeed if key[1] == PACKETS else Feed)
+            self._calls.call(partial(self._graph.open, key, stream.feed), stream.feed.opened)
+        if video and key not in self.videos and (
+                key[1] == PACKETS or self.settings.video == 'always'):
+            again = partial(open_again, self._graph, key, stream.feed)
+            self.videos[key] = video_source(
+                stream, self.settings.rate, partial(self._calls.call, again, stream.feed.opened))
         self._users[key] = self._users.get(key, 0) + 1
         return stream
 
@@ -157,7 +168,7 @@ class Hub:
         return ViewOptions(
             width=min(widths, default=0), quality=requested.quality or settings.quality,
             rate=min(requested.rate or settings.rate, settings.rate), fixed=requested.fixed,
-            limits=requested.limits)
+            limits=requested.limits, video=requested.video and settings.shown_video != 'never')
 
     # State
 
@@ -203,10 +214,10 @@ class Hub:
         limits = picture.limits if picture else None
         quiet = feed.quiet_seconds
         return {
-            'id': stream.number, 'name': stream.name, 'width': width,
-            'height': height, 'encoding': picture.encoding if picture else '',
-            'rate': round(feed.rate, 1), 'frames': feed.frames, 'lost': known.lost,
-            'broken': stream.broken, 'encodings': stream.encodings,
+            'id': stream.number, 'name': stream.name, 'width': width, 'height': height,
+            'encoding': picture.encoding if picture else '', 'rate': round(feed.rate, 1),
+            'frames': feed.frames, 'lost': known.lost, 'broken': stream.broken,
+            'encodings': stream.encodings,
             'reason': known.reason or stream.error,
             'range': limits and [finite(limit) for limit in limits],
             'quiet': None if quiet is None else round(quiet, 2)}
@@ -215,9 +226,11 @@ class Hub:
         """Return the list of topics with the state of those that somebody looks at."""
         topics: list[dict[str, Any]] = self.lists()['topics']
         for topic in topics:
-            stream = self._streams.get((topic['name'], self.settings.transport))
-            if stream:
-                topic |= {'status': self.status(stream), 'viewers': self._users[stream.key]}
+            for transport in (self.settings.transport, PACKETS):
+                stream = self._streams.get((topic['name'], transport))
+                if stream:
+                    topic |= {'status': self.status(stream), 'viewers': self._users[stream.key]
+                              + topic.get('viewers', 0)}
         return topics
 
     async def _find(self, name: str) -> ViewTopic:
@@ -231,15 +244,8 @@ class Hub:
                 partial(self._graph.find, name), partial(self._in_loop, _set_result, found))
             topic = await _answer(found)
         if topic is None:
-            raise RequestError(self._describe_unknown(name), 404)
+            raise RequestError(self.state.describe_unknown(name), 404)
         return topic
-
-    def _describe_unknown(self, name: str) -> str:
-        names = list(self.state.topics)
-        if not names:
-            return f'{printable(name)} is not an image topic; no images are published'
-        return (f'{printable(name)} is not an image topic; the image topics are '
-                f'{enumerated(names, further=self.state.more)}')
 
     def _in_loop(self, call: Callable[..., object], *args: object) -> None:
         """Call a function in the loop, from the executor."""
@@ -257,6 +263,7 @@ class Hub:
         key = stream.key
         if self._streams.get(key) is stream and not self._users[key]:
             del self._streams[key], self._users[key]
+            self.videos.pop(key, None)
             self._calls.call(lambda: self._graph.close(key, stream.feed))
 
     async def _update_viewers(self) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from functools import partial
+from dataclasses import replace
 import json
 import socket
 import time
@@ -28,13 +28,11 @@ from typing import Any
 from opencv_tools.viewer.access import check_origin, is_same_origin
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.control import Control
-from opencv_tools.viewer.encoding import Picture
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.graph import MAX_TOPICS
-from opencv_tools.viewer.link_rate import MAX_WINDOW
 from opencv_tools.viewer.protocol import (
-    pack_frame, parse_message, parse_options, topic_of, WIDTHS)
+    pack_frame, pack_video, parse_codecs, parse_message, parse_options, topic_of, WIDTHS)
+from opencv_tools.viewer.video_channel import VideoChannel
 from opencv_tools.viewer.web import Refusal, SiteHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
@@ -76,7 +74,8 @@ class PageSocket(SiteHandler, WebSocketHandler):
 
     def open(self, *_args: str, **_options: str) -> None:  # noqa: A003
         """Send the state of the node."""
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[str, Channel | VideoChannel] = {}
+        self._codecs: frozenset[str] = frozenset()
         self._sequence = 0
         self._bad_messages = 0
         self._changed: _Message = {}
@@ -88,7 +87,7 @@ class PageSocket(SiteHandler, WebSocketHandler):
         hub = self.site.hub
         self._post({'hello': {
             'host': socket.gethostname(), 'control': hub.settings.control, 'widths': WIDTHS,
-            'token': self.site.access.token}})
+            'video': hub.settings.shown_video, 'token': self.site.access.token}})
         for name, value in hub.lists().items():
             self._post({name: value})
         hub.add_viewer(self)
@@ -137,6 +136,12 @@ class PageSocket(SiteHandler, WebSocketHandler):
             self._acknowledge(message['got'])
         elif 'ping' in message:
             return {'pong': message['ping'], 'now': time.time()}
+        elif 'codecs' in message:
+            self._codecs = parse_codecs(message['codecs'])
+        elif 'key' in message:
+            channel = self._channels.get(topic_of(message['key']))
+            if isinstance(channel, VideoChannel):
+                channel.request_key()
         elif 'subscribe' in message:
             return await self._subscribe(message)
         elif 'unsubscribe' in message:
@@ -182,20 +187,33 @@ class PageSocket(SiteHandler, WebSocketHandler):
     async def _subscribe(self, message: _Message) -> _Message | None:
         name = topic_of(message['subscribe'])
         options = self.site.hub.options(parse_options(message))
-        if name in self._channels:
-            self._channels[name].set_options(options)
+        options = replace(options, video=options.video and bool(self._codecs))
+        channel = self._channels.get(name)
+        if channel and channel.options.video == options.video:
+            channel.set_options(options)
             return None
+        self._unsubscribe(name)
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
         try:
-            stream = await self.site.hub.acquire(name)
+            stream = await self.site.hub.acquire(name, video=options.video)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
-        self._channels[name] = Channel(
-            stream, options, partial(self._send_picture, stream.number))
+        video = self.site.hub.videos.get(stream.key)
+        if options.video and video:
+            self._channels[name] = VideoChannel(
+                video, options, self._codecs,
+                send=lambda viewed: self._send(lambda sequence: pack_video(
+                    stream.number, sequence, viewed.stamp_ns / 10**9, time.time(), viewed.packet,
+                    viewed.number, viewed.name)),
+                refuse=lambda reason: self._post({'refused': {'topic': name, 'reason': reason}}))
+        else:
+            self._channels[name] = Channel(
+                stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
+                    stream.number, sequence, frame.stamp, time.time(), picture.data)))
         return None
 
     def _unsubscribe(self, name: str) -> None:
@@ -204,14 +222,16 @@ class PageSocket(SiteHandler, WebSocketHandler):
             channel.close()
             self.site.hub.release(channel.stream)
 
-    def _send_picture(self, number: int, frame: NewFrame, picture: Picture) -> int:
+    def _send(self, pack: Callable[[int], bytes]) -> int:
+        """Send the picture that is packed with a sequence number, and return this number."""
         self._sequence += 1
         sequence = self._sequence
-        if len(self._writing) >= MAX_WINDOW * len(self._channels) + _MAX_STALE:
+        stale = _MAX_STALE + (VideoChannel.window if self._codecs else 0)
+        most = sum(channel.window for channel in self._channels.values()) + stale
+        if len(self._writing) >= most:
             self.close(_POLICY_VIOLATION, 'too many pictures that the page has not read')
             return sequence
-        writing = self._start(pack_frame(
-            number, sequence, frame.stamp, time.time(), picture.data), binary=True)
+        writing = self._start(pack(sequence), binary=True)
         if writing:
             self._writing[sequence] = writing
             writing.add_done_callback(lambda _: self._writing.pop(sequence))

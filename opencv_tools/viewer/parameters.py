@@ -23,6 +23,7 @@ from opencv_tools.nodes.settings import NodeSettings
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.viewer.access import AUTOMATIC, check_origins, check_token
+from opencv_tools.viewer.certificate import AUTOMATIC_CERTIFICATE
 
 
 def _check_address(text: str) -> None:
@@ -57,6 +58,9 @@ class ViewerSettings(NodeSettings):
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto prefers compressed images',
         choices=tuple(name for name in TRANSPORTS if name != 'video'))
+    video: str = parameter(
+        'auto', 'Whether pages get video that their browser decodes; auto passes video topics on, '
+        'and always encodes images too', choices=('auto', 'never', 'always'))
     viewers: int = parameter(
         32, 'Maximum number of open pages and streams', bounds=(1, 1000))
     allowed_hosts: str = parameter(
@@ -65,7 +69,8 @@ class ViewerSettings(NodeSettings):
         '', 'Origins of other pages that may show /stream and /snapshot, separated by commas, '
         'such as http://192.168.1.5:3000', check=check_origins)
     certificate: str = parameter(
-        '', 'File with the certificate for https, in PEM format; empty for http')
+        '', 'File with the certificate for https, in PEM format; auto creates one, and empty is '
+        'for http')
     key: str = parameter(
         '', 'File with the private key of the certificate, in PEM format; empty if the '
         'certificate file has it')
@@ -89,6 +94,14 @@ class ViewerSettings(NodeSettings):
         if self.key and not self.certificate:
             raise ParameterError(
                 f'key is {self.key!r}, but certificate is empty: set certificate as well')
+        if self.key and self.certificate == AUTOMATIC_CERTIFICATE:
+            raise ParameterError(
+                f'key is {self.key!r}, but certificate is auto, which has its own: set only one')
+
+    @property
+    def shown_video(self) -> str:
+        """Value of ``video`` for the pages; with ``width`` it is never, as video is not scaled."""
+        return 'never' if self.width else self.video
 
     @property
     def patterns(self) -> tuple[str, ...]:

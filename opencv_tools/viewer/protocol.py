@@ -22,6 +22,7 @@ import math
 import struct
 from typing import Any
 
+from opencv_tools.video.packet import CODECS, VideoPacket
 from opencv_tools.viewer.errors import RequestError
 
 #: Maximum size of a message of the page in bytes.
@@ -30,10 +31,14 @@ MAX_MESSAGE_BYTES = 4096
 #: Widths in pixels that pictures are scaled to; few, so that viewers share encodings.
 WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
 
-#: End of the name of a topic with compressed images.
-COMPRESSED = '/compressed'
+#: Ends of the names of topics with compressed images and with video.
+COMPRESSED, VIDEOS = '/compressed', ('/ffmpeg', '/foxglove')
 
 _HEAD = struct.Struct('>IIdd')
+_VIDEO = 1 << 31  # in the number of the topic, before a packet of video
+# Whether it is a key frame, bytes of the codec string, width, height, number of the packet.
+_VIDEO_HEAD = struct.Struct('>BBHHI')
+_MAX_CODECS, _MAX_CODEC = 8, 16
 _MAX_WIDTH = 65_535
 _MAX_NAME = 256
 
@@ -48,6 +53,7 @@ class ViewOptions:
     :param rate: highest rate in Hz; 0 for that of the node.
     :param fixed: whether width and quality stay as they are on a slow link.
     :param limits: numbers that become black and white; None for those of each picture.
+    :param video: whether packets of video are better than JPEGs.
     """
 
     width: int = 0
@@ -55,6 +61,7 @@ class ViewOptions:
     rate: float = 0.0
     fixed: bool = False
     limits: tuple[float, float] | None = None
+    video: bool = False
 
 
 def pack_frame(topic: int, sequence: int, stamp: float, sent: float, picture: bytes) -> bytes:
@@ -73,6 +80,58 @@ def pack_frame(topic: int, sequence: int, stamp: float, sent: float, picture: by
 def unpack_frame(message: bytes) -> tuple[int, int, float, float, bytes]:
     """Return the arguments of ``pack_frame`` from a binary message."""
     return (*_HEAD.unpack_from(message), message[_HEAD.size:])
+
+
+def pack_video(
+    topic: int, sequence: int, stamp: float, sent: float, packet: VideoPacket, number: int,
+    name: str,
+) -> bytes:
+    """
+    Return the binary message of a packet of video.
+
+    :param topic: number of the topic.
+    :param sequence: number of the message, which the page answers.
+    :param stamp: stamp of the frame in seconds.
+    :param sent: time of sending in seconds of the system clock.
+    :param packet: the packet.
+    :param number: number of the packet; the page needs a key frame after a missing one.
+    :param name: codec string of WebCodecs of a key frame; '' for other packets.
+    """
+    text = name.encode('ascii')
+    return b''.join((
+        _HEAD.pack(topic | _VIDEO, sequence % 2**32, stamp, sent),
+        _VIDEO_HEAD.pack(packet.is_key, len(text), packet.width, packet.height, number % 2**32),
+        text, packet.data))
+
+
+def unpack_video(
+    message: bytes,
+) -> tuple[int, int, float, float, bool, tuple[int, int], int, str, bytes] | None:
+    """
+    Return what ``pack_video`` got; None for another message.
+
+    :returns: topic, sequence, stamp, sent, whether it is a key frame, size, number, codec string
+        and content.
+    """
+    topic, sequence, stamp, sent = _HEAD.unpack_from(message)
+    if not topic & _VIDEO:
+        return None
+    is_key, length, width, height, number = _VIDEO_HEAD.unpack_from(message, _HEAD.size)
+    begin = _HEAD.size + _VIDEO_HEAD.size
+    return (topic & ~_VIDEO, sequence, stamp, sent, bool(is_key), (width, height), number,
+            message[begin:begin + length].decode('ascii'), message[begin + length:])
+
+
+def parse_codecs(names: Any) -> frozenset[str]:
+    """
+    Read which codecs a page decodes; unknown ones are left out.
+
+    :raises RequestError: it is not a short list of short texts.
+    """
+    if (not isinstance(names, list) or len(names) > _MAX_CODECS
+            or not all(isinstance(name, str) and len(name) <= _MAX_CODEC for name in names)):
+        raise RequestError('codecs is not a list of names such as h264')
+    return frozenset(names) & frozenset(CODECS)
 
 
 def parse_message(text: str | bytes) -> dict[str, Any]:
@@ -94,14 +153,19 @@ def parse_message(text: str | bytes) -> dict[str, Any]:
 
 def topic_of(name: Any) -> str:
     """
-    Return the name of a topic from a message or a URL, without ``/compressed``.
+    Return the name of a topic from a message or a URL, without the end of its transport.
 
     :raises RequestError: it is not a text, or too long.
     """
     if not isinstance(name, str) or not 0 < len(name) <= _MAX_NAME:
         raise RequestError('the name of a topic is missing or too long')
     name = name if name.startswith('/') else f'/{name}'
-    return name.removesuffix(COMPRESSED) or name
+    return base_name(name)
+
+
+def base_name(name: str, ends: tuple[str, ...] = (COMPRESSED, *VIDEOS)) -> str:
+    """Return the name of a topic without one of some ends."""
+    return next((name[:-len(end)] for end in ends if name.endswith(end) and name != end), name)
 
 
 def parse_options(message: dict[str, Any]) -> ViewOptions:
@@ -121,7 +185,8 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
         width=int(_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
         quality=int(_number(message.get('quality', 0), 'quality', 0, 100)),
         rate=_number(message.get('rate', 0), 'rate', 0, 1000),
-        fixed=message.get('fixed', False) is True, limits=limits)
+        fixed=message.get('fixed', False) is True, limits=limits,
+        video=message.get('video', False) is True)
 
 
 def number_of(text: str, name: str, low: float, high: float) -> float:

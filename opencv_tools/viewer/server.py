@@ -22,15 +22,14 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import logging
 import os
-from pathlib import Path
 import socket
-import ssl
 from threading import Event, Thread
 from typing import Any, cast
 
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Log
 from opencv_tools.viewer.access import Access
+from opencv_tools.viewer.certificate import load_tls
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
@@ -84,7 +83,8 @@ class ViewerServer:
         self._calls = calls
         self._log = log
         self._on_failure = on_failure
-        self._tls = _load_certificate(settings)
+        self._tls = load_tls(settings.certificate, settings.key,
+                             [socket.gethostname(), *_own_address()])
         self._sockets = _listen(settings.address, settings.port)
         self._port: int = self._sockets[0].getsockname()[1]
         token = read_token(settings.token_file) if settings.token_file else settings.token
@@ -103,6 +103,11 @@ class ViewerServer:
     def has_token(self) -> bool:
         """Return whether a browser needs a token."""
         return bool(self._access.token)
+
+    @property
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of a created certificate, as browsers show it; '' for another one."""
+        return self._tls.fingerprint if self._tls else ''
 
     @property
     def urls(self) -> list[str]:
@@ -140,7 +145,7 @@ class ViewerServer:
             site = Site(hub, self._access, read_page(), self._node, self._port,
                         self._tls is not None, self._log)
             server = _Server(
-                _application(site), ssl_options=self._tls,
+                _application(site), ssl_options=self._tls and self._tls.context,
                 max_header_size=_MAX_HEADER_BYTES, max_body_size=_MAX_BODY_BYTES,
                 body_timeout=_HEADER_SECONDS, idle_connection_timeout=_HEADER_SECONDS)
             server.add_sockets(self._sockets)
@@ -205,31 +210,6 @@ def _listen(address: str, port: int) -> list[socket.socket]:
         reason = os.strerror(err.errno) if isinstance(err, OSError) and err.errno else str(err)
         raise ViewerError(f'port {port} of {address} cannot be used: {reason}; set port or '
                           'address') from err
-
-
-def _load_certificate(settings: ViewerSettings) -> ssl.SSLContext | None:
-    if not settings.certificate:
-        return None
-    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-    try:
-        context.load_cert_chain(settings.certificate, settings.key or None, lambda: '')
-    except (OSError, ValueError) as err:
-        reason = _missing_pem(settings) or err
-        raise ViewerError(
-            f'certificate {settings.certificate} and key {settings.key or settings.certificate} '
-            f'cannot be used: {reason}') from err
-    return context
-
-
-def _missing_pem(settings: ViewerSettings) -> str:
-    """Return which part of the certificate its files lack, and the remedy; '' if none."""
-    for name, path, part in (('certificate', settings.certificate, 'certificate'),
-                             ('key', settings.key or settings.certificate, 'private key')):
-        with suppress(OSError):
-            file = Path(path)  # a pipe was emptied by the first reader
-            if file.is_file() and f'{part.upper()}-----'.encode() not in file.read_bytes():
-                return f'{path} has no {part} in PEM format; set {name} to a file that has one'
-    return ''
 
 
 def _pass_on_errors(log: Log) -> None:

@@ -45,7 +45,7 @@ class Stream:
 
     def __init__(
         self, number: int, key: tuple[str, str], loop: asyncio.AbstractEventLoop, pool: Executor,
-        log: Log,
+        log: Log, feed_type: type[Feed] = Feed,
     ) -> None:
         """
         Create a stream without viewers.
@@ -54,11 +54,12 @@ class Stream:
         :param key: name of the topic, and the transport.
         :param loop: loop of the server.
         :param pool: threads that encode.
+        :param feed_type: class of the feed.
         """
         self.number = number
         self.key = key
         self.name, _ = key
-        self.feed = Feed(self._notify)
+        self.feed = feed_type(self._notify)
         #: Functions that are called after each frame.
         self.watchers: set[Callable[[], object]] = set()
         #: The last picture that was encoded; None before the first one.
@@ -97,7 +98,8 @@ class Stream:
         if future is None or number != frame.number:
             self.encodings += 1
             future = self._loop.run_in_executor(self._pool, _encode, frame.message, options)
-            future.add_done_callback(partial(self._encoded, frame.number))
+            future.add_done_callback(
+                lambda done: self.record(frame.number, done.result()))
             self._pictures = {key: value for key, value in self._pictures.items()
                               if value[0] == frame.number}
             self._pictures[options] = frame.number, future
@@ -130,21 +132,13 @@ class Stream:
         call = partial(function, *args, **keywords)
         return await self._loop.run_in_executor(self._pool, call)
 
-    def _notify(self) -> None:
-        """Wake the loop, in the executor; once for all frames that it has not seen yet."""
-        if not self._is_notified:
-            self._is_notified = True
-            with suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(self._frame_arrived)
+    def record(self, number: int, outcome: Picture | str) -> None:
+        """
+        Record the outcome of an encoding.
 
-    def _frame_arrived(self) -> None:
-        self._is_notified = False
-        for watcher in tuple(self.watchers):
-            watcher()
-
-    def _encoded(self, number: int, future: asyncio.Future[Picture | str]) -> None:
-        """Record the outcome of an encoding."""
-        outcome = future.result()
+        :param number: number of the frame.
+        :param outcome: the picture, or the reason why there is none.
+        """
         if isinstance(outcome, Picture):
             self.last_picture = outcome
             self._error = ''
@@ -156,6 +150,18 @@ class Stream:
         if outcome != self._logged and self._log.warning(
                 f'frame of {self.name} left out: {outcome}', every=1.0, key=self.name):
             self._logged = outcome
+
+    def _notify(self) -> None:
+        """Wake the loop, in the executor; once for all frames that it has not seen yet."""
+        if not self._is_notified:
+            self._is_notified = True
+            with suppress(RuntimeError):  # the loop is closed
+                self._loop.call_soon_threadsafe(self._frame_arrived)
+
+    def _frame_arrived(self) -> None:
+        self._is_notified = False
+        for watcher in tuple(self.watchers):
+            watcher()
 
 
 def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:

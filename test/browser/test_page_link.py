@@ -106,3 +106,22 @@ def test_quick_page_beside_a_slow_page(
         before = quick.evaluate('drawn.length'), slow.evaluate('drawn.length')
         slow.wait_for(f'drawn.length >= {before[1]} + {GROUP}')
         assert quick.evaluate('drawn.length') - before[0] > 2 * GROUP
+
+
+def test_slow_page_skips_packets_of_video(
+        link: tuple[Host, Host], camera_folder: Path, start: Callable[..., NodeProcess],
+        start_viewer: Callable[..., Viewer]) -> None:
+    near, far = link
+    start('img_publisher', within=near.within, source=camera_folder, publish_rate=RATE,
+          on_end='loop', video_quality=10, video_key_interval=0.5)
+    viewer = start_viewer(within=near.within, address=near.address, certificate='auto')
+    options = ['--ignore-certificate-errors']
+    with (new_browser(near.within, SCRIPT, options) as near_browser,
+          new_browser(far.within, SCRIPT, options) as far_browser):
+        quick, slow = near_browser.new_page(viewer.url), far_browser.new_page(viewer.url)
+        for page in (quick, slow):
+            page.wait_for('factOf("/video_frames", "shown")?.includes("h264")')
+        before = quick.evaluate('drawn.length'), slow.evaluate('drawn.length')
+        slow.wait_for(f'drawn.length >= {before[1] + DRAWN}')
+        assert quick.evaluate('drawn.length') - before[0] > 1.5 * DRAWN
+        check_newest_frames(slow)

@@ -13,6 +13,7 @@
 // limitations under the License.
 
 import { age, number, size, rate, showName } from './text.js';
+import { Video } from './video.js';
 
 const HEAD_BYTES = 24;
 const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
@@ -27,7 +28,9 @@ export class Tile {
   range = null;
   inView = false;
   refusal = '';
+  refusesVideo = false;
   #asked = '';
+  #video = null;
   #askedAt = 0;
   #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '' };
   #ages = [];
@@ -55,6 +58,13 @@ export class Tile {
     this.#asked = '';
     this.#drawn.sequence = -1;
     this.refusal = '';
+    this.refusesVideo = false;
+    this.#endVideo(false);
+  }
+
+  #endVideo(answers) {
+    this.#video?.close(answers);
+    this.#video = null;
   }
 
   /**
@@ -73,6 +83,19 @@ export class Tile {
     if (!this.#asked) this.#askedAt = connection.now;
     connection.send(wanted ? request : { unsubscribe: this.name });
     this.#asked = asked;
+    if (!request.video || !wanted) this.#endVideo(true);
+  }
+
+  /** Decode and draw a packet of video, then answer the server. */
+  decode(connection, bytes) {
+    this.#video ??= new Video({
+      picture: (frame, head) => this.#show(connection, frame, head.width || frame.displayWidth,
+        head.height || frame.displayHeight, head),
+      answer: (sequence) => connection.send({ got: sequence }),
+      requestKey: () => connection.send({ key: this.name }),
+      failed: () => { this.refusesVideo = true; },
+    });
+    this.#video.decode(bytes);
   }
 
   /** Draw a frame, then answer the server, which sends the next one. */
@@ -84,24 +107,28 @@ export class Tile {
     try {
       const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, HEAD_BYTES)],
         { type: 'image/jpeg' }));
-      if (sequence > this.#drawn.sequence) {
-        if (this.canvas.width !== picture.width) this.canvas.width = picture.width;
-        if (this.canvas.height !== picture.height) this.canvas.height = picture.height;
-        this.context.drawImage(picture, 0, 0);
-        this.#drawn = {
-          sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: connection.now,
-          period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(),
-        };
-        this.#ages.push(this.#drawn.at - this.#drawn.from);
-        this.#ages.splice(0, this.#ages.length - AGES);
-        this.canvas.hidden = false;
-        this.canvas.dispatchEvent(new CustomEvent('drawn', { detail: { sequence, stamp, sent } }));
-      }
+      this.#show(connection, picture, picture.width, picture.height, { sequence, stamp, sent });
       picture.close();
     } catch {
       // A broken picture is left out; the next one may be good.
     }
     connection.send({ got: sequence });
+  }
+
+  /** Draw a picture, unless a newer one is shown. */
+  #show(connection, picture, width, height, { sequence, stamp, sent }) {
+    if (sequence <= this.#drawn.sequence) return;
+    if (this.canvas.width !== width) this.canvas.width = width;
+    if (this.canvas.height !== height) this.canvas.height = height;
+    this.context.drawImage(picture, 0, 0);
+    this.#drawn = {
+      sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: connection.now,
+      period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(),
+    };
+    this.#ages.push(this.#drawn.at - this.#drawn.from);
+    this.#ages.splice(0, this.#ages.length - AGES);
+    this.canvas.hidden = false;
+    this.canvas.dispatchEvent(new CustomEvent('drawn', { detail: { sequence, stamp, sent } }));
   }
 
   /** Return whether no picture has come for three periods, 1 to 2 s; longer for a slow camera. */
@@ -156,8 +183,9 @@ export class Tile {
       ['Age', hasPicture ? age(this.#currentAge(connection.now)) : ''],
       ['Lost', status.frames ? number(status.lost) : ''],
       ['Broken', status.broken ? `${number(status.broken)} left out` : ''],
-      ['Shown', sent && [size(sent), sent.passed_through ? 'unchanged' : `quality ${sent.quality}`,
-        rate(sent.rate)].join(', ')],
+      ['Shown', sent && [size(sent), sent.video
+        || (sent.passed_through ? 'unchanged' : `quality ${sent.quality}`),
+      rate(sent.rate)].join(', ')],
       ['Link', status.link && `${number(status.link)} Mbit/s`],
     ];
     this.#showFacts(facts.filter(([, text]) => text));

@@ -21,6 +21,7 @@ import { RangeForm, readLimits } from './range.js';
 import { savePicture } from './save.js';
 import { showName } from './text.js';
 import { Tile } from './tile.js';
+import { decodedCodecs, explainJpeg, readTopic } from './video.js';
 
 const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
@@ -39,6 +40,8 @@ let selected = address.searchParams.get('topic') ?? '';
 let host = '';
 let token = '';
 let widths = [];
+let video = 'never'; // the parameter of the node
+let isExplained = false;
 let mood = 'lost';
 let isPaused = false;
 let noticeTimer = 0;
@@ -47,10 +50,12 @@ const fixed = Object.fromEntries(['width', 'quality', 'rate']
   .filter((name) => address.searchParams.has(name))
   .map((name) => [name, Number(address.searchParams.get(name)) || 0]));
 if ('width' in fixed || 'quality' in fixed) fixed.fixed = true;
+const codecs = Object.keys(fixed).length ? [] : await decodedCodecs();
 
 const connection = new Connection({
   connected(hello) {
-    ({ host, token, widths } = hello);
+    ({ host, token, widths, video } = hello);
+    if (codecs.length) connection.send({ codecs });
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
     controls.enable(hello.control);
@@ -74,11 +79,14 @@ const connection = new Connection({
     }
     if (message.status) show();
     if (message.error) complain(message);
+    if (message.refused) leaveVideo(message.refused);
     controls.receive(message);
   },
   frame(bytes) {
-    const tile = numbers.get(new DataView(bytes).getUint32(0));
-    if (tile) tile.draw(connection, bytes);
+    const { id, isVideo } = readTopic(bytes);
+    const tile = numbers.get(id);
+    if (tile && isVideo) tile.decode(connection, bytes);
+    else if (tile) tile.draw(connection, bytes);
     else connection.send({ got: new DataView(bytes).getUint32(4) });
   },
 });
@@ -113,6 +121,25 @@ function complain({ error, topic }) {
   if (tile) tile.refusal = error;
   else notify(error);
   show();
+}
+
+/** Ask for JPEGs of a topic, because its video cannot be shown. */
+function leaveVideo({ topic, reason }) {
+  const tile = tiles.get(topic);
+  if (tile) tile.refusesVideo = true;
+  notify(`${topic} comes as JPEG: ${reason}`);
+  ask();
+}
+
+/** Return whether to ask for the video of a topic. */
+function takesVideo(tile) {
+  const isVideo = video === 'always'
+    || (video === 'auto' && (tile.topic?.transports.includes('video') ?? true));
+  if (isVideo && !codecs.length && tile.topic && !isExplained && !Object.keys(fixed).length) {
+    isExplained = true;
+    notify(explainJpeg(host));
+  }
+  return isVideo && codecs.length > 0 && !tile.refusesVideo;
 }
 
 function addTile(name) {
@@ -168,7 +195,8 @@ function countMore(count) {
 function ask() {
   for (const tile of tiles.values()) {
     const width = widths.find((step) => step >= tile.width) ?? 0;
-    tile.ask(connection, tile.inView && !isPaused && !document.hidden, { width, ...fixed });
+    const options = takesVideo(tile) ? { width, video: true } : { width, ...fixed };
+    tile.ask(connection, tile.inView && !isPaused && !document.hidden, options);
   }
 }
 

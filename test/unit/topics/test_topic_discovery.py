@@ -72,6 +72,15 @@ def test_explanation_with_a_remedy(
         discovery.allowed[0], RELIABLE)
 
 
+def test_order_of_transports(node: Node) -> None:
+    for prefers_compressed, first in ((False, ('Image', 'CompressedImage')),
+                                      (True, ('CompressedImage', 'Image'))):
+        discovery = TopicDiscovery(
+            node, 'video_frames', 'auto', prefers_compressed=prefers_compressed)
+        types = [topic.type_name.rpartition('/')[2] for topic in discovery.allowed]
+        assert tuple(dict.fromkeys(types)) == (*first, 'FFMPEGPacket', 'CompressedVideo')
+
+
 def test_own_topics_are_not_suggested(node: Node) -> None:
     node.create_publisher(Image, '/filtered', RELIABLE)
     discovery = TopicDiscovery(node, 'video_frames', 'raw')

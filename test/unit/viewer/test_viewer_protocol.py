@@ -18,11 +18,40 @@ from __future__ import annotations
 
 import json
 
+from opencv_tools.video.packet import VideoPacket
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.protocol import (
-    number_of, pack_frame, parse_message, parse_options, step_width, topic_of, unpack_frame,
-    ViewOptions)
+    number_of, pack_frame, pack_video, parse_codecs, parse_message, parse_options, step_width,
+    topic_of, unpack_frame, unpack_video, ViewOptions)
 import pytest
+
+
+def test_head_of_video() -> None:
+    packet = VideoPacket(codec='h264', data=b'DATA', is_key=True, width=640, height=479)
+    message = pack_video(7, 2**32 + 5, 12.25, 13.5, packet, 2**32 + 9, 'avc1.42C01F')
+    assert message.hex() == '80000007' '00000005' '4028800000000000' '402b000000000000' + (
+        '01' '0b' '0280' '01df' '00000009') + b'avc1.42C01FDATA'.hex()
+    assert unpack_video(message) == (
+        7, 5, 12.25, 13.5, True, (640, 479), 9, 'avc1.42C01F', b'DATA')
+    assert unpack_video(pack_frame(7, 5, 12.25, 13.5, b'JPEG')) is None
+
+
+def test_codecs_of_a_page() -> None:
+    assert parse_codecs(['h264', 'vp9', 'av1', 'h264']) == {'h264', 'av1'}
+    assert parse_codecs([]) == frozenset()
+
+
+@pytest.mark.parametrize('names', [None, 'h264', {'h264': 1}, [1], ['h' * 17], ['h264'] * 9, [[]]])
+def test_invalid_codecs_are_refused(names: object) -> None:
+    with pytest.raises(RequestError, match='codecs'):
+        parse_codecs(names)
+
+
+@pytest.mark.parametrize(('name', 'base'), [
+    ('/a/compressed', '/a'), ('/a/ffmpeg', '/a'), ('a/foxglove', '/a'), ('/ffmpeg', '/ffmpeg'),
+    ('/a/ffmpeg/foxglove', '/a/ffmpeg'), ('/a_ffmpeg', '/a_ffmpeg')])
+def test_end_of_a_transport(name: str, base: str) -> None:
+    assert topic_of(name) == base
 
 
 def test_frame_has_a_head_of_24_bytes() -> None:

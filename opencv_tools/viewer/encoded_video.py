@@ -1,0 +1,149 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Images as video, for pages that take it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.image.errors import ImageError, VideoError
+from opencv_tools.image.text import printable
+from opencv_tools.video.parameter_sets import webcodecs_name
+from opencv_tools.video.settings import VideoSettings
+from opencv_tools.video.stream import VideoStream
+from opencv_tools.viewer.encoding import message_pixels
+from opencv_tools.viewer.errors import MAX_MESSAGE
+from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
+from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.video_source import PacketReceiver, PublishedVideo, VideoSource
+
+
+class EncodedVideo(VideoSource):
+    """Encode the newest frame while a page is ready, once for all pages."""
+
+    def __init__(self, stream: Stream, rate: float, loop: asyncio.AbstractEventLoop) -> None:
+        """
+        Create a source that encodes nothing until a page comes.
+
+        :param stream: stream of images.
+        :param rate: highest rate in Hz.
+        :param loop: loop of the server.
+        """
+        super().__init__(stream, loop.time)
+        self._loop = loop
+        self._period = 1 / rate
+        self._encoder = VideoStream(VideoSettings())
+        self._number = self._frame_number = 0
+        self._due = 0.0
+        self._timer: asyncio.TimerHandle | None = None
+        self._is_encoding = False
+        self._task: asyncio.Task[None] | None = None
+        self._refusal = ''
+
+    def add(self, channel: PacketReceiver) -> None:
+        """Send video to a page, or the reason why there is none."""
+        if self._refusal:
+            channel.refuse(self._refusal)
+            return
+        super().add(channel)
+        self.stream.watchers.add(self._frame_arrived)
+        self._frame_arrived()
+
+    def remove(self, channel: PacketReceiver) -> None:
+        """Send nothing more to a page; the encoder ends with the last one."""
+        super().remove(channel)
+        if not self.channels:
+            self.stream.watchers.discard(self._frame_arrived)
+            self._encoder, self._group = VideoStream(VideoSettings()), []
+            self._frame_number = 0  # another page begins with this frame
+
+    def _demand_key(self) -> None:
+        self._encoder.requests += 1
+        self._frame_number = 0  # the camera may have no newer frame
+        self._frame_arrived()
+
+    def _frame_arrived(self) -> None:
+        frame = self.stream.feed.newest
+        if (frame is None or frame.number == self._frame_number or self._is_encoding
+                or self._timer or not any(channel.is_ready for channel in self.channels)):
+            return
+        now = self._loop.time()
+        wait = self._due - self._period / 2 - now
+        if wait > 0:
+            self._timer = self._loop.call_later(wait, self._end_wait)
+            return
+        self._due = max(self._due, now) + self._period
+        self._is_encoding = True
+        self._frame_number = frame.number
+        self._task = asyncio.ensure_future(self._encode(frame, self._encoder))
+
+    def _end_wait(self) -> None:
+        self._timer = None
+        self._frame_arrived()
+
+    async def _encode(self, frame: NewFrame, encoder: VideoStream) -> None:
+        """Encode a frame in a thread. The next frame follows, if it has arrived meanwhile."""
+        stream = self.stream
+        stream.encodings += 1
+        try:
+            image, encoding = await stream.in_pool(message_pixels, frame.message)
+            viewed = await stream.in_pool(_encode, encoder, image, encoding, frame.stamp_ns)
+        except VideoError as err:
+            self._refuse(printable(err, MAX_MESSAGE))
+            return
+        except (CvBridgeError, ImageError) as err:
+            stream.record(frame.number, printable(err, MAX_MESSAGE))
+        else:
+            if encoder is self._encoder:
+                self._number += 1
+                self.publish(replace(viewed, number=self._number))
+        finally:
+            self._is_encoding = False
+        self._frame_arrived()
+
+    def _refuse(self, reason: str) -> None:
+        """Send all pages the reason why there is no video."""
+        self._refusal = reason
+        for channel in tuple(self.channels):
+            channel.refuse(reason)
+
+
+def video_source(stream: Stream, rate: float, subscribe_again: Callable[[], object],
+                 ) -> VideoSource:
+    """
+    Create the source of the video of a stream.
+
+    :param stream: stream of packets or of images.
+    :param rate: highest rate at which images are encoded, in Hz.
+    :param subscribe_again: called for a key frame of a video topic.
+    """
+    loop = asyncio.get_running_loop()
+    if isinstance(stream.feed, PacketFeed):
+        return PublishedVideo(stream, stream.feed, subscribe_again, loop.time)
+    return EncodedVideo(stream, rate, loop)
+
+
+def _encode(encoder: VideoStream, image: NDArray[Any], encoding: str, stamp_ns: int,
+            ) -> ViewedPacket:
+    """Return the packet of an image, without its number."""
+    packet = encoder.encode(image, encoding, stamp_ns)
+    name = webcodecs_name(packet.codec, packet.data) if packet.is_key else ''
+    return ViewedPacket(number=0, stamp_ns=stamp_ns, packet=packet, name=name or '')

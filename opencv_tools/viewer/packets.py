@@ -1,0 +1,153 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Packets of a video topic, passed from the executor to the loop of the server."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+import time
+
+from opencv_tools.image.errors import ImageError, VideoError
+from opencv_tools.image.image_size import check_size, MAX_PIXELS
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.video.messages import WireVideo
+from opencv_tools.video.packet import VideoPacket
+from opencv_tools.video.parameter_sets import (
+    has_parameter_sets, is_key_frame, parameter_sets, picture_size, webcodecs_name)
+from opencv_tools.viewer.feed import Feed
+
+#: Transport of a subscription that receives the packets of a video topic unchanged.
+PACKETS = 'packets'
+
+# Packets that wait for the loop. A missing one is a gap.
+_MAX_WAITING = 120
+_MAX_BYTES = 16 * 2 ** 20
+_MAX_SIDE = 65_535  # pixels, as in a message to a page
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewedPacket:
+    """
+    A packet for pages.
+
+    :param number: number of the packet; numbers of packets that need each other follow each other.
+    :param stamp_ns: stamp of the frame in nanoseconds.
+    :param packet: the packet. A key frame has its parameter sets.
+    :param name: codec string of WebCodecs of a key frame; '' for other packets.
+    """
+
+    number: int
+    stamp_ns: int
+    packet: VideoPacket
+    name: str = ''
+
+
+class PacketReader:
+    """Read the messages of a video topic, which anybody can publish."""
+
+    def __init__(self) -> None:
+        self._sets: dict[str, bytes] = {}
+        self._size = 0, 0
+
+    def read(self, message: WireVideo) -> tuple[VideoPacket, str]:
+        """
+        Return the packet of a message, and the codec string of a key frame.
+
+        :raises ImageError: the packet is damaged, too large, or has an unknown codec.
+        """
+        codec, count = message.codec, len(message.data)
+        if not 0 < count <= _MAX_BYTES:
+            raise VideoError(f'a packet has {count} bytes: 1 to {_MAX_BYTES} are shown')
+        data = bytes(message.data)
+        is_key, name = is_key_frame(codec, data), ''
+        if is_key:
+            data = self._with_sets(codec, data)
+            name = webcodecs_name(codec, data) or ''
+            self._size = _shown_size(message.size, picture_size(codec, data) or (0, 0))
+        width, height = self._size
+        return VideoPacket(
+            codec=codec, data=data, is_key=is_key, width=width, height=height), name
+
+    def _with_sets(self, codec: str, data: bytes) -> bytes:
+        """Return a key frame with its parameter sets, which some publishers send only once."""
+        if has_parameter_sets(codec, data):
+            self._sets = {codec: parameter_sets(codec, data)}
+            return data
+        if codec not in self._sets:
+            raise VideoError(f'a {codec} key frame has no parameter sets: the publisher has to '
+                             'repeat them')
+        return self._sets[codec] + data
+
+
+class PacketFeed(Feed):
+    """The packets of a topic. The executor puts them, and the loop takes them."""
+
+    def __init__(self, on_frame: Callable[[], object],
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        """
+        Create an empty feed.
+
+        :param on_frame: called after each packet, in the executor.
+        :param clock: monotonic clock in seconds.
+        """
+        super().__init__(on_frame, clock)
+        #: Packets that the loop has not taken yet, oldest first.
+        self.waiting: deque[ViewedPacket] = deque(maxlen=_MAX_WAITING)
+        self._reader = PacketReader()
+        self._count = self._number = self._published = 0
+
+    @property
+    def frames(self) -> int:
+        """Return the number of received packets."""
+        return self._count
+
+    def put(self, received: ReceivedMessage) -> None:
+        """Add a packet."""
+        message = received.message
+        # The numbers of the publisher show that packets are missing before this one.
+        is_next = not received.number or received.number == self._published + 1
+        self._published = received.number
+        self._number += 1 if is_next else 2
+        try:
+            if not isinstance(message, WireVideo):
+                raise VideoError('an image is not a packet of video')
+            packet, name = self._reader.read(message)
+        except ImageError as err:
+            self.count_broken(err)
+            return
+        self._count += 1
+        self.error = ''
+        self.waiting.append(ViewedPacket(
+            number=self._number, stamp_ns=received.stamp_ns, packet=packet, name=name))
+        self.arrived()
+
+    def count_broken(self, err: Exception) -> None:
+        """Count a message that cannot be read; those after it need a key frame."""
+        self._number += 1
+        super().count_broken(err)
+
+
+def _shown_size(announced: tuple[int, int] | None, coded: tuple[int, int]) -> tuple[int, int]:
+    """Return the size of a picture, without a row or a column that an encoder has added."""
+    check_size(*coded, MAX_PIXELS)
+    if max(coded) > _MAX_SIDE:
+        raise VideoError(f'a picture of {coded[0]}x{coded[1]} pixels is too long: the limit is '
+                         f'{_MAX_SIDE} pixels a side')
+    if announced and all(0 <= with_edge - side <= 1
+                         for side, with_edge in zip(announced, coded)):
+        return announced
+    return coded
