@@ -307,11 +307,13 @@ def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.fixture(autouse=True)
-def _kept_signal_handlers() -> Iterator[None]:
-    """Check that a test leaves no signal ignored, because later processes would inherit that."""
-    before = list(map(signal.getsignal, END_SIGNALS))
+def _kept_process() -> Iterator[None]:
+    """Check that a test changes nothing that later processes would inherit."""
+    handlers = list(map(signal.getsignal, END_SIGNALS))
+    policy = os.sched_getscheduler(0)
     yield
-    assert list(map(signal.getsignal, END_SIGNALS)) == before
+    assert list(map(signal.getsignal, END_SIGNALS)) == handlers
+    assert os.sched_getscheduler(0) == policy
 
 
 @pytest.fixture

@@ -30,6 +30,7 @@ from opencv_tools.video.packet import CODECS
 from opencv_tools.video.parameter_sets import (
     h264_frame_number, has_parameter_sets, is_key_frame, length_prefixed_to_annexb,
     parameter_sets, picture_size, read_extradata, sequence_headers, webcodecs_name)
+from opencv_tools.video.scheduling import kept_scheduling
 from opencv_tools.video.settings import VideoSettings
 import pytest
 from video_packets import DECODERS, encoded, every_codec, has_encoder, HERE, packets
@@ -86,6 +87,7 @@ def test_sizes_of_other_h264_streams(options: dict[str, str], size: tuple[int, i
 
 @pytest.mark.parametrize(('encoder_name', 'options', 'pixels', 'name'), [
     row for row in KNOWN if has_encoder(row[0])])
+@kept_scheduling()
 def test_known_webcodecs_names(
     encoder_name: str, options: dict[str, str], pixels: str, name: str, tmp_path: Path,
 ) -> None:
@@ -140,6 +142,7 @@ def test_numbers_of_h264_pictures() -> None:
 
 @every_codec
 @pytest.mark.parametrize('container', ['mp4', 'matroska'])
+@kept_scheduling()
 def test_packets_of_containers(codec: str, container: str) -> None:
     file, sent = io.BytesIO(), packets(codec)
     with av.open(file, 'w', format=container) as output:
