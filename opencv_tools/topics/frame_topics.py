@@ -38,8 +38,9 @@ Lend = Callable[[int], Slot | None]
 
 class FrameTopics:
     """
-    Publish raw images, also by shared memory, compressed images and video, if they have
-    subscribers.
+    Publish raw images, also by shared memory, compressed images and video.
+
+    Nothing is computed for topics without subscribers.
 
     The names of the topics are those of image_transport.
     """

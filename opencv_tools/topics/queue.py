@@ -56,7 +56,7 @@ class ReceivedMessage:
     @property
     def image(self) -> WireMessage:
         """
-        The message of a subscription that decodes video.
+        Return the message of a subscription that decodes video.
 
         :raises TypeError: it is video.
         """

@@ -94,4 +94,3 @@ class VideoDecoding:
         if len(self._streams) > _MAX_PUBLISHERS:
             del self._streams[next(iter(self._streams))]
         return stream
-

@@ -25,7 +25,7 @@ from opencv_tools.image.errors import VideoError
 from opencv_tools.logs import Log
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.message_type import message_type
-from opencv_tools.video.messages import VIDEO_TOPICS, video_to_cdr
+from opencv_tools.video.messages import video_to_cdr, VIDEO_TOPICS
 from opencv_tools.video.settings import VideoSettings
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node

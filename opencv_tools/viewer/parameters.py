@@ -57,7 +57,7 @@ class ViewerSettings(NodeSettings):
         '', 'Image topics to show, separated by commas, with * for any text; empty for all')
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto prefers compressed images',
-        choices=tuple(name for name in TRANSPORTS if name != 'video'))
+        choices=tuple(TRANSPORTS))
     video: str = parameter(
         'auto', 'Whether pages get video that their browser decodes; auto passes video topics on, '
         'and always encodes images too', choices=('auto', 'never', 'always'))

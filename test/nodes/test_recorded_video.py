@@ -25,14 +25,14 @@ from bag_readers import decode, read_by_all
 from conftest import CLIP, CLIP_FRAMES, NodeProcess, read_manifest
 import cv2
 import mcap.reader
+from numbered_video import (
+    flat_packets, MS, number_of, numbers, read_packets, units, video_message, VideoSender)
 from opencv_tools.recording.video.unfinished import count_frames
 from opencv_tools.video.messages import (
     cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS)
 import pytest
 from rclpy.node import Node
 from rosbags.rosbag2.metadata import parse_qos
-from numbered_video import (
-    flat_packets, MS, number_of, numbers, read_packets, units, video_message, VideoSender)
 
 Start = Callable[..., NodeProcess]
 COUNT = 20

@@ -19,6 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mcap.writer import CompressionType
+from numbered_video import flat_packets, MS, NANO, number_of, video_message
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError
@@ -29,7 +30,6 @@ from opencv_tools.video.packet import VideoPacket
 from playback import frames_of, play
 from played_bags import BEGAN_NS, Entry, write_mcap, write_rosbag2
 import pytest
-from numbered_video import flat_packets, MS, NANO, number_of, video_message
 
 TYPES = (FFMPEG_PACKET, COMPRESSED_VIDEO, COMPRESSED_IMAGE)
 TOPIC = '/front/image/video'

@@ -21,6 +21,8 @@ from pathlib import Path
 from bag_readers import decode, read_by_all, read_indexed
 from conftest import recorded_files
 import cv2
+from numbered_video import (
+    flat_packets, MS, number_of, numbers, read_packets, units, video_message)
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE
 from opencv_tools.convert.cli import main
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
@@ -28,8 +30,6 @@ from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET
 from opencv_tools.video.packet import VideoPacket
 from played_bags import BEGAN_NS, Entry, write_mcap
 import pytest
-from numbered_video import (
-    flat_packets, MS, number_of, numbers, read_packets, units, video_message)
 
 TOPIC = '/front/image/ffmpeg'
 every_type = pytest.mark.parametrize(

@@ -24,6 +24,8 @@ from typing import Any
 import av
 from conftest import read_manifest, recorded_files
 from console import Console
+from numbered_video import (
+    flat, flat_packets, NANO, number_of, numbers, read_packets, units, video_message)
 import numpy as np
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.capture.bag import BagSource
@@ -44,8 +46,6 @@ from opencv_tools.video.parameter_sets import parameter_sets, read_extradata
 from playback import frames_of as frames_of_source
 import pytest
 from recordings import open_videos
-from numbered_video import (
-    flat, flat_packets, NANO, number_of, numbers, read_packets, units, video_message)
 from videos import play
 
 BEGIN_NS = 1_700_000_000 * NANO
