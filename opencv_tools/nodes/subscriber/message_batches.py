@@ -16,14 +16,15 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.recording.recorder import OnDone
+from opencv_tools.recording.recorder import OnDone, Unwritten
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.order import FrameOrder
 from rclpy.qos import QoSProfile
@@ -43,12 +44,17 @@ class RecordedTopic:
     publishers: frozenset[bytes] = frozenset()  # identifiers of those that are followed
     received: int = 0
     written: int = 0
+    unwritten: Counter[str] = field(default_factory=Counter)  # by the kind of `Unwritten`
 
     def __str__(self) -> str:
-        """Return the account of the messages."""
-        return (f'{self.channel.topic}: {self.received} messages received, {self.written} '
-                f'written, {self.order.count} lost in transit'
-                + ('' if self.order.is_complete else ' since the first received message'))
+        """Return the account: received = written + dropped + failed + not processed + skipped."""
+        return (f'{self.channel.topic}: {self.received} messages received, {self.written} written'
+                f'{self._unwritten("dropped", "failed")}, {self.order.count} lost in transit'
+                + ('' if self.order.is_complete else ' since the first received message')
+                + self._unwritten('not processed', 'skipped'))
+
+    def _unwritten(self, *names: str) -> str:
+        return ''.join(f', {count} {name}' for name in names if (count := self.unwritten[name]))
 
 
 _Taken = tuple[RecordedTopic, RecordedMessage]
@@ -68,7 +74,7 @@ class MessageBatches:
         self._put = put
         self._taken: list[_Taken] = []
         self._bytes = 0
-        self._finished: deque[tuple[list[_Taken], MessageBatch]] = deque()
+        self._finished: deque[tuple[list[_Taken], MessageBatch, Path | Unwritten]] = deque()
 
     def add(self, topic: RecordedTopic, message: RecordedMessage) -> None:
         """Add a message, and record the batch if it is large."""
@@ -87,11 +93,14 @@ class MessageBatches:
         batch = MessageBatch(
             metadata=FrameMetadata(first, '', '', self._image_topic), receive_ns=first,
             messages=tuple(message for _, message in taken))
-        self._put(batch, lambda _: self._finished.append((taken, batch)))
+        self._put(batch, lambda outcome: self._finished.append((taken, batch, outcome)))
 
     def count_finished(self) -> None:
         """Count the messages of batches that were written or have failed."""
         while self._finished:
-            taken, batch = self._finished.popleft()
+            taken, batch, outcome = self._finished.popleft()
             for topic, _ in taken[:batch.result.written]:
                 topic.written += 1
+            if isinstance(outcome, Unwritten):
+                for topic, _ in taken[batch.result.written:]:
+                    topic.unwritten[outcome.kind] += 1

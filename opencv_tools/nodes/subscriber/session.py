@@ -31,7 +31,7 @@ from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
-from opencv_tools.recording.recorder import OnDone, Recorder
+from opencv_tools.recording.recorder import OnDone, Recorder, Unwritten
 from opencv_tools.recording.selection import Selection
 from opencv_tools.regular_files import user_path
 from opencv_tools.topics.timers import create_steady_timer
@@ -92,7 +92,7 @@ class RecordingSession:
     def record_messages(self, batch: MessageBatch, on_done: OnDone) -> None:
         """Record messages of other topics, until the maximum duration; thread-safe."""
         if self._is_late():
-            on_done('the recording has reached its limits')
+            on_done(Unwritten('the recording has reached its limits', 'skipped'))
         else:
             self.recorder.put(batch, on_done)
 
