@@ -20,16 +20,21 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+import time
 
 from opencv_tools.bags.writing import BagChannel
+from opencv_tools.image.errors import CdrError
+from opencv_tools.logs import Log
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone, Unwritten
 from opencv_tools.topics.message_reader import MessageReader
-from opencv_tools.topics.order import FrameOrder
+from opencv_tools.topics.order import FrameOrder, Position
 from rclpy.qos import QoSProfile
 
 _BATCH_BYTES = 1 << 22
+_MAX_TAKEN = 1000  # messages of a topic before the next topic has its turn
+_WARNING_SECONDS = 10.0
 
 
 @dataclass(eq=False)
@@ -46,11 +51,16 @@ class RecordedTopic:
     written: int = 0
     unwritten: Counter[str] = field(default_factory=Counter)  # by the kind of `Unwritten`
 
-    def __str__(self) -> str:
-        """Return the account: received = written + dropped + failed + not processed + skipped."""
-        return (f'{self.channel.topic}: {self.received} messages received, {self.written} written'
-                f'{self._unwritten("dropped", "failed")}, {self.order.count} lost in transit'
-                + ('' if self.order.is_complete else ' since the first received message')
+    def account(self, with_type: bool = False) -> str:
+        """
+        Return the account: received = written + dropped + failed + not processed + skipped.
+
+        :param with_type: whether the type of the messages is named.
+        """
+        kind = f' ({self.channel.type_name})' if with_type else ''
+        return (f'{self.channel.topic}{kind}: {self.received} messages received, {self.written} '
+                f'written{self._unwritten("dropped", "failed")}, {self.order.count} lost in '
+                'transit' + ('' if self.order.is_complete else ' since the first received message')
                 + self._unwritten('not processed', 'skipped'))
 
     def _unwritten(self, *names: str) -> str:
@@ -63,7 +73,9 @@ _Taken = tuple[RecordedTopic, RecordedMessage]
 class MessageBatches:
     """Messages that are recorded together, in the order of their arrival."""
 
-    def __init__(self, image_topic: str, put: Callable[[MessageBatch, OnDone], object]) -> None:
+    def __init__(
+        self, image_topic: str, put: Callable[[MessageBatch, OnDone], object], log: Log,
+    ) -> None:
         """
         Create a collector without messages.
 
@@ -72,6 +84,7 @@ class MessageBatches:
         """
         self._image_topic = image_topic
         self._put = put
+        self._log = log
         self._taken: list[_Taken] = []
         self._bytes = 0
         self._finished: deque[tuple[list[_Taken], MessageBatch, Path | Unwritten]] = deque()
@@ -104,3 +117,34 @@ class MessageBatches:
             if isinstance(outcome, Unwritten):
                 for topic, _ in taken[batch.result.written:]:
                     topic.unwritten[outcome.kind] += 1
+
+    def take_all(self, topic: RecordedTopic) -> None:
+        """Take and add the messages of a topic that have arrived."""
+        for _ in range(_MAX_TAKEN):
+            if not self._take(topic):
+                break
+
+    def _take(self, topic: RecordedTopic) -> bool:
+        """Take a message; return whether there was one."""
+        try:
+            taken = topic.reader.take_serialized()
+        except RuntimeError as err:
+            self._log.error(f'a message of {topic.channel.topic} cannot be received: {err}',
+                            every=_WARNING_SECONDS, key=topic.channel.topic)
+            return False
+        if taken is None:
+            return False
+        data, info = taken
+        try:
+            if not topic.order.accepts(
+                    bytes(info.publisher), Position(info.number), info.source_timestamp):
+                return True  # a latched message comes again after a new subscription
+        except CdrError as err:
+            self._log.warning(f'{topic.channel.topic}: {err}', every=_WARNING_SECONDS,
+                              key=topic.channel.topic)
+        topic.received += 1
+        log_ns = info.received_timestamp or time.time_ns()
+        self.add(topic, RecordedMessage(
+            channel=topic.channel, parts=(data,), log_ns=log_ns,
+            publish_ns=info.source_timestamp or log_ns, number=info.number))
+        return True

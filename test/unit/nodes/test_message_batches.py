@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from console import Console
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.nodes.subscriber.message_batches import MessageBatches, RecordedTopic
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
@@ -43,7 +44,7 @@ def test_account(outcomes: list[tuple[int, Path | Unwritten]], account: str) -> 
         on_done(outcome)
 
     topic = RecordedTopic(None, TF, object, None)
-    batches = MessageBatches('/video_frames', put)
+    batches = MessageBatches('/video_frames', put, Console())
     for _ in outcomes:
         for number in range(10):
             topic.received += 1
@@ -51,4 +52,4 @@ def test_account(outcomes: list[tuple[int, Path | Unwritten]], account: str) -> 
                 channel=TF, parts=(b'abcd',), log_ns=number, publish_ns=0))
         batches.flush()
     batches.count_finished()
-    assert str(topic) == f'/tf: {10 * len(outcomes)} messages received, {account}'
+    assert topic.account() == f'/tf: {10 * len(outcomes)} messages received, {account}'
