@@ -31,11 +31,15 @@ _TRANSIENT_LOCAL, _BEST_EFFORT = 1, 2  # see OfferedQos
 
 
 def played_topics(source: BagSource, patterns: Sequence[str]) -> list[BagTopic]:
-    """Return the topics that match, without those that are published with the images."""
+    """
+    Return the topics that match, without those that are published with the images.
+
+    Topics whose messages are not CDR, which cannot be published, are the last ones.
+    """
     info = BagTopic(camera_info_topic(source.topic.name), CAMERA_INFO)
     return sorted((topic for topic in source.topics.keys() - {source.topic, info}
-                   if topic.serialization == CDR and matches(topic.name, patterns)),
-                  key=lambda topic: (topic.name, topic.type_name))
+                   if matches(topic.name, patterns)),
+                  key=lambda topic: (topic.serialization != CDR, topic.name, topic.type_name))
 
 
 def playback_qos(topic: BagTopic, count: int) -> QoSProfile:

@@ -30,6 +30,7 @@ from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone, Unwritten
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.order import FrameOrder, Position
+from opencv_tools.topics.ros_errors import ros_reason
 from rclpy.qos import QoSProfile
 
 _BATCH_BYTES = 1 << 22
@@ -129,8 +130,9 @@ class MessageBatches:
         try:
             taken = topic.reader.take_serialized()
         except RuntimeError as err:
-            self._log.error(f'a message of {topic.channel.topic} cannot be received: {err}',
-                            every=_WARNING_SECONDS, key=topic.channel.topic)
+            self._log.error(f'a message of {topic.channel.topic} cannot be received: '
+                            f'{ros_reason(err)}', every=_WARNING_SECONDS,
+                            key=topic.channel.topic)
             return False
         if taken is None:
             return False

@@ -35,6 +35,7 @@ from opencv_tools.recording.recorder import OnDone
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.qos import following_qos
+from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
@@ -146,11 +147,11 @@ class TopicRecorder:
                 if (name not in self._topics and publishers
                         and not self._left_out.has(name, identifiers)):
                     self._add(name, publishers)
-            except (DefinitionError, ParameterError, RuntimeError, ValueError) as err:
+            except (DefinitionError, ParameterError, *ROS_ERRORS) as err:
                 if not self._node.context.ok():
                     raise
                 kind = 'a publisher of ' if name in self._topics else ''
-                self._left_out.add(name, identifiers, f'{kind}{printable(name)}', str(err))
+                self._left_out.add(name, identifiers, f'{kind}{printable(name)}', ros_reason(err))
 
     def _follow(self, topic: RecordedTopic, found: list[TopicEndpointInfo]) -> None:
         """

@@ -184,6 +184,37 @@ def test_more_topics_than_the_limit(
         'info: Publishing 2 topics of the bag: /sa0 /sa1']
 
 
+@pytest.mark.parametrize(('fields', 'reason'), [
+    ({'encoding': 'protobuf'}, '/said is not published: its messages are protobuf, not cdr'),
+    ({'encoding': 'json'}, '/said is not published: its messages are json, not cdr'),
+    ({'definition': 'int999 a'}, '/said is not published: the definition of '),
+    ({'type_name': 'a type'}, "/said is not published: 'a type' is not a message type"),
+    ({'topic': '/sa-id'}, '/sa-id is not published: Invalid topic name'),
+])
+def test_topic_that_cannot_be_published(
+        play_entries: Play, console: Console, fields: dict[str, Any], reason: str) -> None:
+    """The only line has the reason; that no topic matches would be wrong."""
+    play_entries([*images(), spoken('', BEGAN_NS, **fields)], '/*')
+    line, = console.lines
+    assert line.startswith(f'warning: {reason}')
+
+
+def test_second_type_of_a_topic(play_entries: Play, console: Console) -> None:
+    """The reason is without the lines of rclpy and the middleware."""
+    play_entries([*images(), spoken('', BEGAN_NS),
+                  spoken('', BEGAN_NS, type_name='std_msgs/msg/Bool')])
+    line, other = console.lines
+    assert line.startswith('warning: /said is not published: Failed to create publisher: ')
+    assert 'incompatible type' in line and '.cpp' not in line and '.c:' not in line
+    assert other == 'info: Publishing 1 topics of the bag: /said'
+
+
+def test_no_topic_that_matches(play_entries: Play, console: Console) -> None:
+    play_entries([*images(), spoken('', BEGAN_NS)], '/other /a*')
+    assert console.lines == [
+        'warning: No topic of the bag is published: none matches /other /a*']
+
+
 def test_second_definition_of_a_topic(play_entries: Play, console: Console) -> None:
     first = Entry(BEGAN_NS - 3, b'\0\1\0\0\0\0\0\0', '/said', 'two_msgs/msg/A', 'int32 a')
     player = play_entries([
