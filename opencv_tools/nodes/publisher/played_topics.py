@@ -66,3 +66,20 @@ def playback_qos(topic: BagTopic, count: int) -> QoSProfile:
                      else ReliabilityPolicy.RELIABLE),
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if is_latched
                     else DurabilityPolicy.VOLATILE))
+
+
+def differences(publish_rate: float, stamp: str) -> list[str]:
+    """
+    Return sentences about the times and stamps of images that are not those of the bag.
+
+    :param publish_rate: frames per second; 0.0 for the times of the bag.
+    :param stamp: stamps of the images, as the parameter ``stamp``.
+    """
+    found = []
+    if publish_rate:
+        found.append(f'images are published at {publish_rate:g} Hz, and other topics between '
+                     'them, not at the times of the bag; set publish_rate:=0.0 for these times')
+    if stamp != 'original':
+        found.append('other topics keep the stamps of the bag, images do not; set stamp:=original '
+                     'for the stamps of the bag')
+    return found
