@@ -101,7 +101,8 @@ class TopicPlayer:
             log.info(f'Publishing {len(names)} topics of the bag: {" ".join(names)}')
         elif not wanted:
             log.warning(f'No topic of the bag is published: none matches {" ".join(patterns)}')
-        self._pace = Pace(from_start)
+        self._pace = Pace(from_start, lambda seconds: log.info(
+            f'the next message of other topics is due in {seconds:.0f} s, or with the next image'))
         self._thread = Thread(target=self._run, name='topics', daemon=True)
         self._thread.start()
 
