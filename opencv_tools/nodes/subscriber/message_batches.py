@@ -12,60 +12,27 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Topics that are recorded beside the frames, and batches of their messages."""
+"""Batches of the messages of topics that are recorded beside the frames."""
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 import time
 
-from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
+from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone, Unwritten
-from opencv_tools.topics.message_reader import MessageReader
-from opencv_tools.topics.order import FrameOrder, Position
+from opencv_tools.topics.order import Position
 from opencv_tools.topics.ros_errors import ros_reason
-from rclpy.qos import QoSProfile
 
 _BATCH_BYTES = 1 << 22
 _MAX_TAKEN = 1000  # messages of a topic before the next topic has its turn
 _WARNING_SECONDS = 10.0
-
-
-@dataclass(eq=False)
-class RecordedTopic:
-    """A topic that is recorded, and the account of its messages."""
-
-    reader: MessageReader
-    channel: BagChannel
-    message_class: type
-    qos: QoSProfile
-    order: FrameOrder = field(default_factory=FrameOrder)
-    publishers: frozenset[bytes] = frozenset()  # identifiers of those that are followed
-    received: int = 0
-    written: int = 0
-    unwritten: Counter[str] = field(default_factory=Counter)  # by the kind of `Unwritten`
-
-    def account(self, with_type: bool = False) -> str:
-        """
-        Return the account: received = written + dropped + failed + not processed + skipped.
-
-        :param with_type: whether the type of the messages is named.
-        """
-        kind = f' ({self.channel.type_name})' if with_type else ''
-        return (f'{self.channel.topic}{kind}: {self.received} messages received, {self.written} '
-                f'written{self._unwritten("dropped", "failed")}, {self.order.count} lost in '
-                'transit' + ('' if self.order.is_complete else ' since the first received message')
-                + self._unwritten('not processed', 'skipped'))
-
-    def _unwritten(self, *names: str) -> str:
-        return ''.join(f', {count} {name}' for name in names if (count := self.unwritten[name]))
 
 
 _Taken = tuple[RecordedTopic, RecordedMessage]

@@ -29,7 +29,8 @@ from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.subscriber.bag_messages import offered_qos
 from opencv_tools.nodes.subscriber.left_out_topics import LeftOutTopics
-from opencv_tools.nodes.subscriber.message_batches import MessageBatches, RecordedTopic
+from opencv_tools.nodes.subscriber.message_batches import MessageBatches
+from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.recorder import OnDone
 from opencv_tools.topics.errors import ParameterError
@@ -79,6 +80,7 @@ class TopicRecorder:
         self._topics: dict[str, RecordedTopic] = {}  # that are received now
         self._accounts: dict[tuple[str, str, str], RecordedTopic] = {}  # name, type, hash
         self._left_out = LeftOutTopics(log)
+        self._beyond = 0  # topics beyond the limit that were logged
         self._has_failed = False
         self._batches = MessageBatches(image_topic, put, log)
         self._is_closing = Event()
@@ -135,6 +137,7 @@ class TopicRecorder:
         """Subscribe to the topics that have appeared."""
         found = dict(self._node.get_topic_names_and_types())
         self._left_out.keep(found)
+        beyond = []
         for name in found:
             if name not in self._topics and not self._is_wanted(name, found):
                 continue
@@ -145,13 +148,19 @@ class TopicRecorder:
                 if name in self._topics:
                     self._follow(self._topics[name], publishers)
                 if (name not in self._topics and publishers
-                        and not self._left_out.has(name, identifiers)):
-                    self._add(name, publishers)
+                        and not self._left_out.has(name, identifiers)
+                        and not self._add(name, publishers)):
+                    beyond.append(name)
             except (DefinitionError, ParameterError, *ROS_ERRORS) as err:
                 if not self._node.context.ok():
                     raise
                 kind = 'a publisher of ' if name in self._topics else ''
                 self._left_out.add(name, identifiers, f'{kind}{printable(name)}', ros_reason(err))
+        if len(beyond) > self._beyond and self._log.warning(
+                f'{len(beyond)} topics are not recorded, such as {printable(min(beyond))}: '
+                f'{_MAX_TOPICS} topics are, which is the limit',
+                every=_WARNING_SECONDS, key='topics beyond the limit'):
+            self._beyond = len(beyond)
 
     def _follow(self, topic: RecordedTopic, found: list[TopicEndpointInfo]) -> None:
         """
@@ -195,22 +204,23 @@ class TopicRecorder:
                 and name not in self._excluded and '/_' not in name
                 and not (name.endswith(SUFFIX) and name.removesuffix(SUFFIX) in names))
 
-    def _add(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
+    def _add(self, name: str, publishers: list[TopicEndpointInfo]) -> bool:
         """
         Subscribe to a topic, if the type is known; else wait for it.
 
+        :returns: False if the topic is beyond the limit.
         :raises DefinitionError: the type cannot be recorded.
         :raises ParameterError: the topic cannot be subscribed to.
         """
         types = sorted({*map(_type_name, publishers)})
         if len(types) > 1:
             raise DefinitionError(f'it has several types, {enumerated(types)}')
+        key = name, types[0], _type_hash(publishers[0])
+        if key not in self._accounts and len(self._accounts) >= _MAX_TOPICS:
+            return False
         definition = self._types.find(publishers[0])
         if definition is None:
-            return
-        key = name, definition.name, _type_hash(publishers[0])
-        if key not in self._accounts and len(self._accounts) >= _MAX_TOPICS:
-            raise DefinitionError(f'{_MAX_TOPICS} topics are, which is the limit')
+            return True
         used = publishers[:_MAX_PUBLISHERS]
         qos = following_qos([info.qos_profile for info in used], _DEPTH)
         message_class = message_type(definition.name, definition.text)
@@ -224,6 +234,7 @@ class TopicRecorder:
         self._topics[name] = self._accounts[key] = topic
         self._follow(topic, publishers)
         self._log.info(f'Recording {name} ({definition.name})')
+        return True
 
     def _take_all(self) -> None:
         for topic in self._topics.values():

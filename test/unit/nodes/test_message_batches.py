@@ -20,7 +20,8 @@ from pathlib import Path
 
 from console import Console
 from opencv_tools.bags.writing import BagChannel
-from opencv_tools.nodes.subscriber.message_batches import MessageBatches, RecordedTopic
+from opencv_tools.nodes.subscriber.message_batches import MessageBatches
+from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.recorder import OnDone, Unwritten
 import pytest

@@ -327,6 +327,19 @@ def test_many_topics_that_are_not_recorded(
     assert len(reasons) == 3 and 'it has several types, ' in reasons[0]
 
 
+def test_topics_beyond_the_limit(
+        record: Record, node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, '_MAX_TOPICS', 2)
+    for number in range(6):
+        camera.create_publisher(String, f'/said_{number}', 10)
+    wait_for(lambda: all(node.count_publishers(f'/said_{number}') for number in range(6)))
+    recording = record('/said_*')
+    wait_for(lambda: recording.has('not recorded'))
+    time.sleep(2 * module._DISCOVERY_SECONDS)  # a shorter time would only make the test easier
+    assert [line for line in recording.console.lines if 'not recorded' in line] == [
+        'warning: 4 topics are not recorded, such as /said_2: 2 topics are, which is the limit']
+
+
 def test_topic_that_is_tried_again_with_other_publishers(
         record: Record, node: Node, camera: Node, other: Node) -> None:
     publisher = camera.create_publisher(String, '/mixed', 10)
