@@ -67,6 +67,9 @@ class SourceListener(Protocol):
     def broken(self, reason: BrokenFrameError) -> None:
         """Handle a frame that is unreadable and therefore skipped."""
 
+    def waiting(self, seconds: float) -> None:
+        """Handle a wait of more than a minute for the next frame of a file."""
+
 
 class Demand(Protocol):
     """The demand for the frames of a source."""
@@ -213,10 +216,12 @@ class Grabber:
         while (source := self._open()) is not None:
             try:
                 if not source.live:
-                    yield from Player(
+                    player = Player(
                         source, lambda: self.playback, self._stopped,
                         lambda: self.paused or not self._demand.may_publish(),
-                        self._listener.broken, self._clock).frames()
+                        self._listener.broken, self._clock)
+                    player.on_long_wait = self._listener.waiting
+                    yield from player.frames()
                     return
                 yield from self._live_frames(source)
             except UnavailableError as err:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from threading import Event
+from threading import Event, TIMEOUT_MAX
 import time
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
@@ -27,6 +27,8 @@ from opencv_tools.capture.frame import CapturedFrame, FileSource
 ON_END = ('stop', 'loop', 'hold')
 IMAGE_RATE = 10.0  # frames per second of image files, which have no native rate
 
+#: A longer wait for the next image or message of a bag is logged.
+LONG_WAIT_SECONDS = 60.0
 _PAUSE_POLL_SECONDS = 0.02
 
 
@@ -45,7 +47,7 @@ class Clock:
         :param seconds: timeout in seconds.
         :returns: whether the event is set.
         """
-        return event.wait(seconds)
+        return event.wait(min(seconds, TIMEOUT_MAX))
 
 
 #: The default clock of all classes of this package.
@@ -88,6 +90,11 @@ class Pacer:
         """
         return self._clock.monotonic() >= self._due - early
 
+    @property
+    def seconds_left(self) -> float:
+        """Seconds until the next frame is due; negative if it is late."""
+        return self._due - self._clock.monotonic()
+
     def wait(self, stopped: Event) -> int:
         """
         Wait until the next frame is due or playback is stopped.
@@ -96,9 +103,8 @@ class Pacer:
         :returns: due time in nanoseconds of CLOCK_MONOTONIC.
         """
         self._due = self._due or self._clock.monotonic()
-        delay = self._due - self._clock.monotonic()
-        if delay > 0:
-            self._clock.wait(stopped, delay)
+        if self.seconds_left > 0:
+            self._clock.wait(stopped, self.seconds_left)
         return int(self._due * 1e9)
 
     def advance(self, interval: float) -> None:
@@ -136,6 +142,8 @@ class Player:
         :param on_broken: function that is called for each unreadable frame, which is skipped.
         :param clock: clock that paces the frames.
         """
+        #: Called with the seconds of a wait of more than a minute, which the file requires.
+        self.on_long_wait: Callable[[float], object] = lambda seconds: None
         self._source = source
         self._playback = playback
         self._stopped = stopped
@@ -156,6 +164,8 @@ class Player:
                 pacer.advance(self._interval(last, frame))
             while self._is_paused() and not self._clock.wait(self._stopped, _PAUSE_POLL_SECONDS):
                 pacer.restart()
+            if pacer.seconds_left > LONG_WAIT_SECONDS and not self._playback().rate:
+                self.on_long_wait(pacer.seconds_left)
             due_ns = pacer.wait(self._stopped)
             if self._stopped.is_set():
                 return

@@ -242,8 +242,11 @@ class _Writer:
             content = value.encode()
         except UnicodeEncodeError as err:
             raise CdrError(f'{field.name} cannot be written as UTF-8: {err}') from err
-        if b'\0' in content or (field.string_size and len(content) > field.string_size):
-            raise CdrError(f'{field.name} contains a NUL, or more than {field.string_size} bytes')
+        if b'\0' in content:
+            raise CdrError(f'{field.name} contains a NUL, which a string cannot have')
+        if field.string_size and len(content) > field.string_size:
+            raise CdrError(f'{field.name} has {len(content)} bytes, at most {field.string_size} '
+                           'are allowed')
         self._check_room(field, len(content))
         self._numbers(np.array([len(content) + 1], _COUNT))
         self._data += content + b'\0'

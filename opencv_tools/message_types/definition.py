@@ -123,6 +123,9 @@ def full_name(text: str) -> str:
     :param text: ``package/msg/Name`` or ``package/Name``.
     :raises DefinitionError: the text is no such name.
     """
+    if not isinstance(text, str):
+        raise DefinitionError(f"'{printable(text, _MAX_SHOWN)}' is not a message type; give "
+                              'package/msg/Name')
     package, _, rest = text.partition('/')
     name = text if '/' in rest else f'{package}/msg/{rest}'
     if not _NAME.fullmatch(name):

@@ -26,9 +26,12 @@ The errors of recordings.
 
 from __future__ import annotations
 
+from typing import Literal
+
 from opencv_tools.image.errors import ImageError, VideoError
 
-__all__ = ['LimitReached', 'RecordingError', 'UnwritableError', 'VideoError', 'error_text']
+__all__ = ['LimitReached', 'RecordingError', 'UnwritableError', 'Unwritten', 'VideoError',
+           'error_text']
 
 
 class RecordingError(Exception):
@@ -46,3 +49,18 @@ class UnwritableError(ImageError):
 def error_text(err: Exception) -> str:
     """Return the text of an error, without a file name that differs for every frame."""
     return (err.strerror if isinstance(err, OSError) else str(err)) or type(err).__name__
+
+
+class Unwritten(str):
+    """The reason why a frame, or a part of a batch of messages, was not written."""
+
+    #: The count that has it.
+    kind: Literal['dropped', 'failed', 'not processed', 'skipped']
+
+    def __new__(
+        cls, reason: str, kind: Literal['dropped', 'failed', 'not processed', 'skipped'],
+    ) -> Unwritten:
+        """Create a reason."""
+        created = super().__new__(cls, reason)
+        created.kind = kind
+        return created

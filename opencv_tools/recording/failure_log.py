@@ -65,15 +65,16 @@ class FailureLog:
                 self._skipped += 1
                 self._reasons.forget(key)
 
-    def write_failed(self, reason: str) -> None:
+    def write_failed(self, reason: str, frames: int = 1) -> None:
         """
         Log a frame that could not be written.
 
         :param reason: reason of the failure; it is logged again when it changes or recurs.
+        :param frames: number of frames; 0 for messages of other topics.
         """
         key = _cause(reason)
         with self._lock:
-            self._failed_count += 1
+            self._failed_count += frames
             if key != self._outage:
                 if self._write(self._log.error, reason):
                     self._outage = key
@@ -87,8 +88,9 @@ class FailureLog:
             if not self._outage:
                 return
             count = self._failed_count
-            frames = '1 frame was' if count == 1 else f'{count} frames were'
-            if self._write(self._log.info, f'Writing again; {frames} not written'):
+            what = ('messages of topics were' if not count else '1 frame was' if count == 1
+                    else f'{count} frames were')
+            if self._write(self._log.info, f'Writing again; {what} not written'):
                 self._failed_count, self._outage = 0, ''
             else:  # the next written frame logs it
                 self._outage = _NOT_LOGGED

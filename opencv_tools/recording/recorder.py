@@ -25,7 +25,7 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.logs import Log
-from opencv_tools.recording.errors import error_text, LimitReached
+from opencv_tools.recording.errors import error_text, LimitReached, Unwritten
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.frame_queue import FrameQueue
 from opencv_tools.recording.frames import ReceivedFrame
@@ -33,8 +33,9 @@ from opencv_tools.recording.frames import ReceivedFrame
 QUEUE_SIZE = 64  # frames
 _LEFT_OUT_SECONDS = 10.0  # between two warnings
 
+
 # Called with the path of a written frame, or with the reason why it was not written.
-OnDone = Callable[[Path | str], object]
+OnDone = Callable[[Path | Unwritten], object]
 
 
 class Prepared(Protocol):
@@ -105,7 +106,7 @@ class _Job:
     frame: ReceivedFrame
     on_done: OnDone | None
 
-    def done(self, outcome: Path | str) -> None:
+    def done(self, outcome: Path | Unwritten) -> None:
         if self.on_done:
             self.on_done(outcome)
 
@@ -170,7 +171,7 @@ class Recorder(Generic[P]):
             f'{what} dropped: they arrive faster than they are written, and the queue of '
             f'{self._queue_size} is full; write .jpg, set every_n, or raise queue_size',
             every=1.0, key=f'dropped {dropped.frame.count}')
-        dropped.done('the frame was dropped because the queue is full')
+        dropped.done(Unwritten('the frame was dropped because the queue is full', 'dropped'))
         return False
 
     @property
@@ -198,7 +199,7 @@ class Recorder(Generic[P]):
                 thread.join()
             self._threads.clear()
             for job in self._abandoned:
-                job.done('the recording was interrupted')
+                job.done(Unwritten('the recording was interrupted', 'not processed'))
             try:
                 self._sink.close()
             except (OSError, ImageError) as err:
@@ -236,20 +237,25 @@ class Recorder(Generic[P]):
                 self.is_full = True
                 self._log.info(f'Recording limit reached: {err}')
                 self._on_full()
-            job.done(str(err))
+            job.done(Unwritten(str(err), 'skipped'))
         except KeyFrameNeeded as err:
             self.counts.left_out += job.frame.count
             self._log.warning(f'a frame was left out until the next key frame: {err}',
                               every=_LEFT_OUT_SECONDS, key='left out')
-            job.done(str(err))
+            job.done(Unwritten(str(err), 'skipped'))
         except Exception as err:  # noqa: B902 - as above
             self.counts.failed += job.frame.count
             self.is_unfinished |= not job.frame.count
-            log = (self._failure_log.write_failed if isinstance(err, OSError)
-                   else self._failure_log.bad_frame)
-            log(f'a frame was not written: {error_text(err)}')
-            job.done(error_text(err))
+            what = 'a frame was' if job.frame.count else 'messages of topics were'
+            reason = f'{what} not written: {error_text(err)}'
+            if isinstance(err, OSError):
+                self._failure_log.write_failed(reason, job.frame.count)
+            else:
+                self._failure_log.bad_frame(reason)
+            job.done(Unwritten(error_text(err), 'failed'))
         else:
+            if not job.frame.count:
+                self._failure_log.write_succeeded()
             job.done(path)
         finally:
             self._update_counts()

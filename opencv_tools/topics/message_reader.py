@@ -24,6 +24,7 @@ from opencv_tools.image.cdr import IMAGE
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.messages import AnyMessage, message_class, read_message
+from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.topics.topic_discovery import ImageTopic
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.rcl_structures import MessageInfo
@@ -67,8 +68,9 @@ class MessageReader:
                 message_class, topic, lambda _: None, qos, raw=True,
                 callback_group=_NeverExecuted(),
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False))
-        except (RuntimeError, ValueError) as err:  # RCLError and InvalidTopicNameException
-            raise ParameterError(f'{topic!r} cannot be subscribed to: {err}') from err
+        except ROS_ERRORS as err:
+            raise ParameterError(
+                f'{topic!r} cannot be subscribed to: {ros_reason(err)}') from err
         self.handle = self._subscription.handle
         #: Events of publishers that appear, leave or are incompatible.
         self.events = [

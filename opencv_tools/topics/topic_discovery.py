@@ -25,6 +25,7 @@ from opencv_tools.image.text import enumerated, printable
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch
+from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.transport.fastdds.shared_memory import find_other_user
 from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node
@@ -39,8 +40,6 @@ TRANSPORTS = {
 # What rmw allows, less the longest suffix that a topic gets here.
 _MAX_NAME = 247 - len('/compressed')
 _HOST = slice(2, 4)  # of the identifier of an endpoint, as Fast DDS gives it
-# What rcl adds to its errors: the failed step, and the line of its source.
-_RCL_PLACE = re.compile(r'^failed to resolve name: |, at \S+:\d+$')
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
 #: Name of a publishing node that was not discovered yet, or that is no node of ROS.
 UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
@@ -76,9 +75,8 @@ def resolve_topic(node: Node, topic: str) -> str:
         raise ParameterError(f'{refused}give a text without NUL')
     try:
         resolved = str(node.resolve_topic_name(topic))
-    except (RuntimeError, ValueError) as err:  # rclpy's RCLError is private
-        reason = _RCL_PLACE.sub('', ' '.join(str(err).split()))
-        raise ParameterError(f'{refused}{reason}') from err
+    except ROS_ERRORS as err:
+        raise ParameterError(f'{refused}{ros_reason(err)}') from err
     if len(resolved) > _MAX_NAME:
         raise ParameterError(f'{refused}with its namespace it has {len(resolved)} characters; '
                              f'give at most {_MAX_NAME}')

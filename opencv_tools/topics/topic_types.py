@@ -24,6 +24,7 @@ from opencv_tools.image.text import printable
 from opencv_tools.message_types.definition import (
     DefinitionError, full_name, read_definition, TypeDefinition)
 from opencv_tools.message_types.description import type_hash
+from opencv_tools.topics.ros_errors import ROS_ERRORS
 from opencv_tools.topics.topic_discovery import UNKNOWN_NODE
 from rclpy.node import Node
 from rclpy.task import Future
@@ -119,7 +120,7 @@ class TopicTypes:
             try:
                 question.client = self._node.create_client(
                     GetTypeDescription, f'{node}/get_type_description')
-            except (RuntimeError, ValueError) as err:  # RCLError and InvalidServiceNameException
+            except ROS_ERRORS as err:
                 self._end(key)
                 raise DefinitionError(
                     f'the definition of {name} is not installed, and {printable(node)} cannot be '

@@ -39,7 +39,7 @@ PLUGINS = {'.mcap': StoragePlugin.MCAP, '.db3': StoragePlugin.SQLITE3}
 
 
 class Entry(NamedTuple):
-    """A message to write, with the text of its type and the quality of service of its topic."""
+    """A message to write, with the text of its type, the quality of service and the encoding."""
 
     log_ns: int
     data: bytes
@@ -47,6 +47,7 @@ class Entry(NamedTuple):
     type_name: str = IMAGE
     definition: str = ''
     qos: str = ''
+    encoding: str = ''  # that of the bag if it is empty
 
 
 def header(number: int) -> WireHeader:
@@ -77,17 +78,17 @@ def write_mcap(path: Path, entries: Iterable[Entry], encoding: str = 'cdr',
     with path.open('wb') as file:
         writer = Writer(file, **options)
         writer.start('ros2', 'test')
-        channels: dict[tuple[str, str, str], int] = {}
+        channels: dict[tuple[str, ...], int] = {}
         schemas: dict[tuple[str, str], int] = {}
         for number, entry in enumerate(entries):
             schema = entry.type_name, entry.definition
             if schema not in schemas:
                 schemas[schema] = writer.register_schema(
                     entry.type_name, 'ros2msg', entry.definition.encode())
-            key = entry.topic, *schema
+            key = entry.topic, *schema, entry.encoding
             if key not in channels:
                 channels[key] = writer.register_channel(
-                    entry.topic, encoding, schemas[schema],
+                    entry.topic, entry.encoding or encoding, schemas[schema],
                     {'offered_qos_profiles': entry.qos} if entry.qos else {})
             writer.add_message(
                 channels[key], entry.log_ns, entry.data, entry.log_ns // 2, number)

@@ -33,6 +33,7 @@ from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
+from opencv_tools.nodes.publisher.played_topics import differences
 from opencv_tools.nodes.publisher.source_log import SourceLog
 from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.publisher.topic_player import TopicPlayer
@@ -213,10 +214,8 @@ class PublishLoop:
             self._topic_player = TopicPlayer(
                 self._node, source, settings.topics.split(), self._log,
                 from_start=not settings.start_frame)
-            if settings.publish_rate or settings.stamp != 'original':
-                self._log.warning(
-                    'other topics keep their stamps and times, images do not; set '
-                    'publish_rate:=0.0 and stamp:=original for the times of the bag')
+            for difference in differences(settings.publish_rate, settings.stamp):
+                self._log.warning(difference)
         return source
 
     def _source_status(self) -> SourceStatus:

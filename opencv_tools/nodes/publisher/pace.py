@@ -16,27 +16,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from threading import Condition
 import time
 
 from opencv_tools.capture.frame import Recorded
+from opencv_tools.capture.player import LONG_WAIT_SECONDS
 from opencv_tools.units import NANO
 
 _MAX_WAIT_SECONDS = 3600.0  # times in a bag may be years apart
+_PATIENCE_SECONDS = 2.0  # until a long wait is logged, because an image may end the wait
 
 
 class Pace:
     """The frames and the clock, at which the messages of a bag wait."""
 
-    def __init__(self, from_start: bool) -> None:
+    def __init__(self, from_start: bool, on_long_wait: Callable[[float], object]) -> None:
         """
         Wait for the first frame.
 
         :param from_start: whether the messages before the first frame wait for their times.
+        :param on_long_wait: called with the seconds of a wait of more than a minute.
         """
         self.changed = Condition()
         self.is_closed = False
         self._from_start = from_start
+        self._on_long_wait = on_long_wait
         self._frame: Recorded | None = None  # the newest frame
         self._anchor: tuple[int, float] | None = None  # a time of the bag, and the time it was at
         self._reached = -1, -1  # play and time of the image that the messages have come to
@@ -110,6 +115,7 @@ class Pace:
 
         :param is_before: whether the message is before the first frame.
         """
+        began, is_reported = time.monotonic(), False
         with self.changed:
             while self._is_playing(play):
                 if self._anchor is None:
@@ -119,7 +125,13 @@ class Pace:
                 if (seconds <= 0 or (is_before and not self._from_start)
                         or (not is_before and self._is_past(play, log_ns))):
                     return True
-                self.changed.wait(min(seconds, _MAX_WAIT_SECONDS))
+                longest = _MAX_WAIT_SECONDS
+                if seconds > LONG_WAIT_SECONDS and not is_reported:
+                    longest = began + _PATIENCE_SECONDS - time.monotonic()
+                    if longest <= 0:
+                        is_reported, longest = True, _MAX_WAIT_SECONDS
+                        self._on_long_wait(seconds)
+                self.changed.wait(min(seconds, longest))
             return False
 
     @property

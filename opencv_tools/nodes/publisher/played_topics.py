@@ -31,11 +31,15 @@ _TRANSIENT_LOCAL, _BEST_EFFORT = 1, 2  # see OfferedQos
 
 
 def played_topics(source: BagSource, patterns: Sequence[str]) -> list[BagTopic]:
-    """Return the topics that match, without those that are published with the images."""
+    """
+    Return the topics that match, without those that are published with the images.
+
+    Topics whose messages are not CDR, which cannot be published, are the last ones.
+    """
     info = BagTopic(camera_info_topic(source.topic.name), CAMERA_INFO)
     return sorted((topic for topic in source.topics.keys() - {source.topic, info}
-                   if topic.serialization == CDR and matches(topic.name, patterns)),
-                  key=lambda topic: (topic.name, topic.type_name))
+                   if matches(topic.name, patterns)),
+                  key=lambda topic: (topic.serialization != CDR, topic.name, topic.type_name))
 
 
 def playback_qos(topic: BagTopic, count: int) -> QoSProfile:
@@ -62,3 +66,20 @@ def playback_qos(topic: BagTopic, count: int) -> QoSProfile:
                      else ReliabilityPolicy.RELIABLE),
         durability=(DurabilityPolicy.TRANSIENT_LOCAL if is_latched
                     else DurabilityPolicy.VOLATILE))
+
+
+def differences(publish_rate: float, stamp: str) -> list[str]:
+    """
+    Return sentences about the times and stamps of images that are not those of the bag.
+
+    :param publish_rate: frames per second; 0.0 for the times of the bag.
+    :param stamp: stamps of the images, as the parameter ``stamp``.
+    """
+    found = []
+    if publish_rate:
+        found.append(f'images are published at {publish_rate:g} Hz, and other topics between '
+                     'them, not at the times of the bag; set publish_rate:=0.0 for these times')
+    if stamp != 'original':
+        found.append('other topics keep the stamps of the bag, images do not; set stamp:=original '
+                     'for the stamps of the bag')
+    return found

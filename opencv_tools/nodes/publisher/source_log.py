@@ -69,3 +69,7 @@ class SourceLog:
         self.dropped += 1
         # A camera may send the same broken frame repeatedly.
         self._log.warning(f'frame dropped: {reason}', every=1.0)
+
+    def waiting(self, seconds: float) -> None:
+        """Log that the next frame of a file is far away."""
+        self._log.info(f'the next image is due in {seconds:.0f} s')

@@ -25,7 +25,7 @@ import time
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import open_bag_file
-from opencv_tools.bags.reading import BagMessage, BagTopic, Damage
+from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
 from opencv_tools.image.text import printable
@@ -33,6 +33,7 @@ from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.publisher.pace import Pace
 from opencv_tools.nodes.publisher.played_topics import playback_qos, played_topics
+from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.transport.message_type import message_type
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -98,9 +99,10 @@ class TopicPlayer:
         names = sorted(topic.name for topic in self._playbacks)
         if names:
             log.info(f'Publishing {len(names)} topics of the bag: {" ".join(names)}')
-        else:
+        elif not wanted:
             log.warning(f'No topic of the bag is published: none matches {" ".join(patterns)}')
-        self._pace = Pace(from_start)
+        self._pace = Pace(from_start, lambda seconds: log.info(
+            f'the next message of other topics is due in {seconds:.0f} s, or with the next image'))
         self._thread = Thread(target=self._run, name='topics', daemon=True)
         self._thread.start()
 
@@ -193,11 +195,15 @@ class TopicPlayer:
 
     def _create_playback(self, topic: BagTopic, count: int) -> _Playback | None:
         try:
+            if topic.serialization != CDR:
+                raise DefinitionError(
+                    f'its messages are {printable(topic.serialization)}, not {CDR}')
             message_class = message_type(full_name(topic.type_name), topic.definition or None)
             qos = playback_qos(topic, count)
             publisher = self._node.create_publisher(message_class, topic.name, qos)
-        except (DefinitionError, RuntimeError, ValueError) as err:
-            self._log.warning(f'{printable(topic.name)} is not published: {printable(err)}')
+        except (DefinitionError, *ROS_ERRORS) as err:
+            self._log.warning(
+                f'{printable(topic.name)} is not published: {printable(ros_reason(err))}')
             return None
         return _Playback(publisher, message_class, topic.definition,
                          qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)

@@ -26,7 +26,7 @@ from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.nodes.subscriber.save_service import SaveRequests
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
-from opencv_tools.recording.errors import RecordingError
+from opencv_tools.recording.errors import RecordingError, Unwritten
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
@@ -97,7 +97,7 @@ class RecordingSession:
     def record_messages(self, batch: MessageBatch, on_done: OnDone) -> None:
         """Record messages of other topics, until the maximum duration; thread-safe."""
         if self._is_late():
-            on_done('the recording has reached its limits')
+            on_done(Unwritten('the recording has reached its limits', 'skipped'))
         else:
             self.recorder.put(batch, on_done)
 

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from threading import Event, Thread
 import time
@@ -23,19 +24,19 @@ import time
 from opencv_tools.bags.offered_qos import offered_qos_text
 from opencv_tools.bags.schemas import camera_info_topic
 from opencv_tools.bags.writing import BagChannel
-from opencv_tools.image.errors import CdrError
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
-from opencv_tools.message_types.definition import DefinitionError
+from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.subscriber.bag_messages import offered_qos
 from opencv_tools.nodes.subscriber.left_out_topics import LeftOutTopics
-from opencv_tools.nodes.subscriber.message_batches import MessageBatches, RecordedTopic
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.nodes.subscriber.message_batches import MessageBatches
+from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
+from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.recorder import OnDone
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.message_reader import MessageReader
-from opencv_tools.topics.order import Position
 from opencv_tools.topics.qos import following_qos
+from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
@@ -48,7 +49,6 @@ _DEPTH = 100  # messages of a topic that the middleware keeps
 _POLL_SECONDS = 0.02
 _BATCH_SECONDS = 0.1
 _DISCOVERY_SECONDS = 0.5
-_MAX_TAKEN = 1000  # messages of a topic before the next topic has its turn
 _MAX_TOPICS = 500
 _MAX_PUBLISHERS = 100
 _WARNING_SECONDS = 10.0
@@ -79,10 +79,12 @@ class TopicRecorder:
                           camera_info_topic(image_topic)}
         self._log = log
         self._types = TopicTypes(node)
-        self._topics: dict[str, RecordedTopic] = {}
+        self._topics: dict[str, RecordedTopic] = {}  # that are received now
+        self._accounts: dict[tuple[str, str, str], RecordedTopic] = {}  # name, type, hash
         self._left_out = LeftOutTopics(log)
+        self._beyond = 0  # topics beyond the limit that were logged
         self._has_failed = False
-        self._batches = MessageBatches(image_topic, put)
+        self._batches = MessageBatches(image_topic, put, log)
         self._is_closing = Event()
         self._thread = Thread(target=self._run, name='topics', daemon=True)
         self._thread.start()
@@ -102,10 +104,10 @@ class TopicRecorder:
             those that could not be written, are reported by the recorder.
         """
         self._batches.count_finished()
-        topics = [self._topics[name] for name in sorted(self._topics)]
-        for topic in topics:
-            self._log.info(str(topic))
-        if not topics:
+        counts = Counter(name for name, *_ in self._accounts)
+        for key in sorted(self._accounts):
+            self._log.info(self._accounts[key].account(with_type=counts[key[0]] > 1))
+        if not counts:
             self._log.warning(f'No topic was recorded: none matches {" ".join(self._patterns)}')
         return not self._has_failed
 
@@ -137,40 +139,63 @@ class TopicRecorder:
         """Subscribe to the topics that have appeared."""
         found = dict(self._node.get_topic_names_and_types())
         self._left_out.keep(found)
-        for name, types in found.items():
+        beyond = []
+        for name in found:
             if name not in self._topics and not self._is_wanted(name, found):
                 continue
             identifiers = frozenset[bytes]()
             try:
-                publishers = self._node.get_publishers_info_by_topic(name)[:_MAX_PUBLISHERS]
-                identifiers = frozenset(bytes(info.endpoint_gid) for info in publishers)
+                publishers = self._node.get_publishers_info_by_topic(name)
+                identifiers = _identifiers(publishers)
                 if name in self._topics:
-                    self._follow(self._topics[name], identifiers, publishers)
-                elif publishers and not self._left_out.has(name, identifiers):
-                    self._add(name, types, identifiers, publishers)
-            except (DefinitionError, ParameterError, RuntimeError, ValueError) as err:
+                    self._follow(self._topics[name], publishers)
+                if (name not in self._topics and publishers
+                        and not self._left_out.has(name, identifiers)
+                        and not self._add(name, publishers)):
+                    beyond.append(name)
+            except (DefinitionError, ParameterError, *ROS_ERRORS) as err:
                 if not self._node.context.ok():
                     raise
                 kind = 'a publisher of ' if name in self._topics else ''
-                self._left_out.add(name, identifiers, f'{kind}{printable(name)}', str(err))
+                self._left_out.add(name, identifiers, f'{kind}{printable(name)}', ros_reason(err))
+        if len(beyond) > self._beyond and self._log.warning(
+                f'{len(beyond)} topics are not recorded, such as {printable(min(beyond))}: '
+                f'{_MAX_TOPICS} topics are, which is the limit',
+                every=_WARNING_SECONDS, key='topics beyond the limit'):
+            self._beyond = len(beyond)
 
-    def _follow(
-        self, topic: RecordedTopic, identifiers: frozenset[bytes],
-        publishers: list[TopicEndpointInfo],
-    ) -> None:
-        """Follow the quality of service of publishers that have changed."""
+    def _follow(self, topic: RecordedTopic, found: list[TopicEndpointInfo]) -> None:
+        """
+        Follow the quality of service of publishers that have changed.
+
+        End the recording of a topic whose publishers all have another type.
+        """
+        identifiers = _identifiers(found)
         if topic.publishers == identifiers:
             return
-        name = topic.channel.topic
-        topic.order.discover(identifiers)
+        name, type_name = topic.channel.topic, topic.channel.type_name
+        publishers = [info for info in found if _type_name(info) == type_name]
+        others = sorted({*map(_type_name, found)} - {type_name})
+        if others and not publishers:
+            self._batches.take_all(topic)
+            topic.reader.destroy()
+            del self._topics[name]
+            return
+        if others:
+            self._log.warning(
+                f'{name} has publishers of {enumerated(others)}, whose messages are neither '
+                f'recorded nor counted while there are publishers of {type_name}',
+                once=f'types of {name}: {" ".join(others)}')
+        topic.order.discover(_identifiers(publishers))
         if {_type_hash(info) for info in publishers} - {topic.channel.type_hash}:
             self._log.warning(f'{name} has publishers with another definition of '
                               f'{topic.channel.type_name}; the bag has that of the first',
                               once=f'definition of {name}')
-        qos = following_qos([info.qos_profile for info in publishers], _DEPTH)
+        qos = following_qos(
+            [info.qos_profile for info in publishers[:_MAX_PUBLISHERS]], _DEPTH)
         if publishers and qos != topic.qos:
             reader = MessageReader(self._node, topic.message_class, name, qos)
-            self._drain(topic)
+            self._batches.take_all(topic)
             topic.reader.destroy()
             topic.reader, topic.qos = reader, qos
         topic.publishers = identifiers
@@ -181,69 +206,54 @@ class TopicRecorder:
                 and name not in self._excluded and '/_' not in name
                 and not (name.endswith(SUFFIX) and name.removesuffix(SUFFIX) in names))
 
-    def _add(
-        self, name: str, types: list[str], identifiers: frozenset[bytes],
-        publishers: list[TopicEndpointInfo],
-    ) -> None:
+    def _add(self, name: str, publishers: list[TopicEndpointInfo]) -> bool:
         """
         Subscribe to a topic, if the type is known; else wait for it.
 
+        :returns: False if the topic is beyond the limit.
         :raises DefinitionError: the type cannot be recorded.
         :raises ParameterError: the topic cannot be subscribed to.
         """
+        types = sorted({*map(_type_name, publishers)})
         if len(types) > 1:
-            raise DefinitionError(f'it has several types, {", ".join(map(printable, types))}')
-        if len(self._topics) >= _MAX_TOPICS:
-            raise DefinitionError(f'{_MAX_TOPICS} topics are, which is the limit')
+            raise DefinitionError(f'it has several types, {enumerated(types)}')
+        key = name, types[0], _type_hash(publishers[0])
+        if key not in self._accounts and len(self._accounts) >= _MAX_TOPICS:
+            return False
         definition = self._types.find(publishers[0])
         if definition is None:
-            return
-        qos = following_qos([info.qos_profile for info in publishers], _DEPTH)
+            return True
+        used = publishers[:_MAX_PUBLISHERS]
+        qos = following_qos([info.qos_profile for info in used], _DEPTH)
         message_class = message_type(definition.name, definition.text)
-        topic = RecordedTopic(
-            MessageReader(self._node, message_class, name, qos), BagChannel(
-                topic=name, type_name=definition.name,
-                qos=offered_qos_text(map(offered_qos, publishers)),
-                type_hash=_type_hash(publishers[0]), definition=definition.text),
-            message_class, qos)
-        self._topics[name] = topic
-        self._follow(topic, identifiers, publishers)
+        reader = MessageReader(self._node, message_class, name, qos)
+        topic = self._accounts.get(key) or RecordedTopic(reader, BagChannel(
+            topic=name, type_name=definition.name, qos=offered_qos_text(map(offered_qos, used)),
+            type_hash=_type_hash(publishers[0]), definition=definition.text), message_class, qos)
+        topic.reader, topic.message_class, topic.qos = reader, message_class, qos
+        topic.publishers = frozenset()
+        topic.order.restart()
+        self._topics[name] = self._accounts[key] = topic
+        self._follow(topic, publishers)
         self._log.info(f'Recording {name} ({definition.name})')
+        return True
 
     def _take_all(self) -> None:
         for topic in self._topics.values():
-            self._drain(topic)
+            self._batches.take_all(topic)
         self._batches.count_finished()
 
-    def _drain(self, topic: RecordedTopic) -> None:
-        for _ in range(_MAX_TAKEN):
-            if not self._take(topic):
-                break
 
-    def _take(self, topic: RecordedTopic) -> bool:
-        """Take a message; return whether there was one."""
-        try:
-            taken = topic.reader.take_serialized()
-        except RuntimeError as err:
-            self._log.error(f'a message of {topic.channel.topic} cannot be received: {err}',
-                            every=_WARNING_SECONDS, key=topic.channel.topic)
-            return False
-        if taken is None:
-            return False
-        data, info = taken
-        try:
-            if not topic.order.accepts(
-                    bytes(info.publisher), Position(info.number), info.source_timestamp):
-                return True  # a latched message comes again after a new subscription
-        except CdrError as err:
-            self._log.warning(f'{topic.channel.topic}: {err}', every=_WARNING_SECONDS,
-                              key=topic.channel.topic)
-        topic.received += 1
-        log_ns = info.received_timestamp or time.time_ns()
-        self._batches.add(topic, RecordedMessage(
-            channel=topic.channel, parts=(data,), log_ns=log_ns,
-            publish_ns=info.source_timestamp or log_ns, number=info.number))
-        return True
+def _identifiers(publishers: list[TopicEndpointInfo]) -> frozenset[bytes]:
+    return frozenset(bytes(info.endpoint_gid) for info in publishers[:_MAX_PUBLISHERS])
+
+
+def _type_name(publisher: TopicEndpointInfo) -> str:
+    """Return the full name of the type of a publisher; a printable text if it is no name."""
+    try:
+        return full_name(publisher.topic_type)
+    except DefinitionError:
+        return printable(publisher.topic_type)
 
 
 def _type_hash(publisher: TopicEndpointInfo) -> str:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
+from threading import Event, Lock
 import time
 from typing import Any
 
@@ -193,3 +193,22 @@ def test_system_clock_waits_for_an_event_or_a_timeout() -> None:
     assert not SYSTEM_CLOCK.wait(event, 0.01)
     event.set()
     assert SYSTEM_CLOCK.wait(event, 3600.0)
+
+
+@pytest.mark.parametrize(('rate', 'expected'), [(0.0, [100.0]), (0.01, [])])
+def test_long_waits_of_a_file(rate: float, expected: list[float]) -> None:
+    """A bag may have years between two images; a rate of the user is no surprise."""
+    player, waits = play(StampedSource(0.0, 1.0, 101.0), rate=rate), []
+    player.on_long_wait = waits.append
+    assert len(list(player.frames())) == 3
+    assert waits == pytest.approx(expected)
+
+
+def test_wait_of_a_thousand_years() -> None:
+    class Stopped(Event):
+
+        def wait(self, timeout: float | None = None) -> bool:
+            self.set()
+            return super().wait(timeout) and Lock().acquire(timeout=timeout or 0)
+
+    assert SYSTEM_CLOCK.wait(Stopped(), 4e10)

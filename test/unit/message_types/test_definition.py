@@ -129,10 +129,12 @@ def test_invalid_definitions(
 
 @pytest.mark.parametrize('name', [
     '', 'A', 'a/b', 'a/srv/A', 'a/msg/A/B', '../a/msg/A', 'a/msg/A\n', 'a/msg/../../A', 'A/msg/A',
-    'é/msg/A', 'a/A' * 99])
-def test_invalid_names(name: str) -> None:
+    'é/msg/A', 'a/A' * 99, None, 5, b'a/msg/A'])
+def test_invalid_names(name: Any) -> None:
     with pytest.raises(DefinitionError, match='is not a message type; give package/msg/Name'):
         full_name(name)
+    with pytest.raises(DefinitionError, match='is not a message type'):
+        read_definition(name)
 
 
 LINES = strategies.sampled_from([

@@ -24,6 +24,7 @@ from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.selection import Limits, Selection
 from rclpy.node import Node
 from stepped_clock import SteppedClock
@@ -43,12 +44,13 @@ def test_messages_after_the_maximum_duration(node: Node, tmp_path: Path) -> None
         output_dir=str(tmp_path), file_name='a.mcap', topics='/said', max_duration=7.0),
         Console(), lambda: ended.append(clock.now))
     session._selection = Selection(1, 0.0, Limits(max_seconds=7.0), clock.monotonic)
-    results: list[Path | str] = []
+    results: list[Path | Unwritten] = []
     items = [batch() for _ in range(3)]
     for item, seconds in zip(items, (0.0, 6.0, 2.0)):
         clock.step_to(clock.now + seconds)
         session.record_messages(item, results.append)
     session.close()
     assert [item.result.written for item in items] == [1, 1, 0]
-    assert 'the recording has reached its limits' in results
+    assert [(str(result), result.kind) for result in results if isinstance(result, str)] == [
+        ('the recording has reached its limits', 'skipped')]
     assert ended

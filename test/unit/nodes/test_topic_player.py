@@ -28,8 +28,9 @@ from opencv_tools.bags.reading import BagTopic
 from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
-from opencv_tools.nodes.publisher import topic_player as module
-from opencv_tools.nodes.publisher.played_topics import playback_qos, played_topics
+from opencv_tools.nodes.publisher import pace, topic_player as module
+from opencv_tools.nodes.publisher.played_topics import (
+    differences, playback_qos, played_topics)
 from opencv_tools.nodes.publisher.topic_player import TopicPlayer
 from played_bags import BEGAN_NS, Entry, image_entry, NANO, write_mcap
 import pytest
@@ -109,6 +110,22 @@ def test_messages_keep_their_place_among_frames(play: Play) -> None:
     assert_count(player, 6)
 
 
+def test_message_that_is_far_away(
+        play: Play, console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pace, '_PATIENCE_SECONDS', 0.1)
+    player = play()
+    player.advance(recorded(0))
+    deadline = time.monotonic() + DEADLINE
+    while not any('is due in' in line for line in console.lines):
+        assert time.monotonic() < deadline, console.lines
+        time.sleep(0.01)
+    with player._pace.changed:
+        player._pace.changed.notify_all()  # it waits on, and logs no second time
+    player.close()
+    line, = (line for line in console.lines if 'is due in' in line)
+    assert line.startswith('info: the next message of other topics is due in 1')  # less than 1800
+
+
 def test_frames_that_are_not_played(play: Play) -> None:
     player = play(from_start=False)
     player.advance(recorded(1))
@@ -184,6 +201,37 @@ def test_more_topics_than_the_limit(
         'info: Publishing 2 topics of the bag: /sa0 /sa1']
 
 
+@pytest.mark.parametrize(('fields', 'reason'), [
+    ({'encoding': 'protobuf'}, '/said is not published: its messages are protobuf, not cdr'),
+    ({'encoding': 'json'}, '/said is not published: its messages are json, not cdr'),
+    ({'definition': 'int999 a'}, '/said is not published: the definition of '),
+    ({'type_name': 'a type'}, "/said is not published: 'a type' is not a message type"),
+    ({'topic': '/sa-id'}, '/sa-id is not published: Invalid topic name'),
+])
+def test_topic_that_cannot_be_published(
+        play_entries: Play, console: Console, fields: dict[str, Any], reason: str) -> None:
+    """The only line has the reason; that no topic matches would be wrong."""
+    play_entries([*images(), spoken('', BEGAN_NS, **fields)], '/*')
+    line, = console.lines
+    assert line.startswith(f'warning: {reason}')
+
+
+def test_second_type_of_a_topic(play_entries: Play, console: Console) -> None:
+    """The reason is without the lines of rclpy and the middleware."""
+    play_entries([*images(), spoken('', BEGAN_NS),
+                  spoken('', BEGAN_NS, type_name='std_msgs/msg/Bool')])
+    line, other = console.lines
+    assert line.startswith('warning: /said is not published: Failed to create publisher: ')
+    assert 'incompatible type' in line and '.cpp' not in line and '.c:' not in line
+    assert other == 'info: Publishing 1 topics of the bag: /said'
+
+
+def test_no_topic_that_matches(play_entries: Play, console: Console) -> None:
+    play_entries([*images(), spoken('', BEGAN_NS)], '/other /a*')
+    assert console.lines == [
+        'warning: No topic of the bag is published: none matches /other /a*']
+
+
 def test_second_definition_of_a_topic(play_entries: Play, console: Console) -> None:
     first = Entry(BEGAN_NS - 3, b'\0\1\0\0\0\0\0\0', '/said', 'two_msgs/msg/A', 'int32 a')
     player = play_entries([
@@ -200,6 +248,19 @@ def test_type_of_a_package_without_messages(play_entries: Play, console: Console
         BEGAN_NS - 1, b'\0\1\0\0\1\0\0\0', '/said', 'std_srvs/msg/Lid', 'bool is_open')])
     player.advance(recorded(0))
     assert player.count == 1, console.lines
+
+
+@pytest.mark.parametrize(('rate', 'stamp', 'remedies'), [
+    (0.0, 'original', []), (60.0, 'original', ['publish_rate:=0.0']),
+    (0.0, 'capture', ['stamp:=original']),
+    (10.0, 'publish', ['publish_rate:=0.0', 'stamp:=original']),
+])
+def test_differences_from_the_bag(rate: float, stamp: str, remedies: list[str]) -> None:
+    found = differences(rate, stamp)
+    assert len(found) == len(remedies)
+    for sentence, remedy in zip(found, remedies):
+        assert remedy in sentence
+        assert ('stamp' in sentence) == ('stamp' in remedy)
 
 
 @pytest.mark.parametrize(('offers', 'count', 'depth', 'policies'), [

@@ -327,6 +327,19 @@ def test_many_topics_that_are_not_recorded(
     assert len(reasons) == 3 and 'it has several types, ' in reasons[0]
 
 
+def test_topics_beyond_the_limit(
+        record: Record, node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, '_MAX_TOPICS', 2)
+    for number in range(6):
+        camera.create_publisher(String, f'/said_{number}', 10)
+    wait_for(lambda: all(node.count_publishers(f'/said_{number}') for number in range(6)))
+    recording = record('/said_*')
+    wait_for(lambda: recording.has('not recorded'))
+    time.sleep(2 * module._DISCOVERY_SECONDS)  # a shorter time would only make the test easier
+    assert [line for line in recording.console.lines if 'not recorded' in line] == [
+        'warning: 4 topics are not recorded, such as /said_2: 2 topics are, which is the limit']
+
+
 def test_topic_that_is_tried_again_with_other_publishers(
         record: Record, node: Node, camera: Node, other: Node) -> None:
     publisher = camera.create_publisher(String, '/mixed', 10)
@@ -337,6 +350,39 @@ def test_topic_that_is_tried_again_with_other_publishers(
     other.destroy_publisher(second)
     say(publisher, 'a')
     wait_for(lambda: recording.texts() == ['a'])
+
+
+def test_publisher_of_another_type(
+        record: Record, node: Node, camera: Node, other: Node) -> None:
+    """The type that is left is recorded once the first one has no publisher, and later again."""
+    first = camera.create_publisher(String, '/mixed', 10)
+    recording = record('/mixed')
+    say(first, 'a')
+    wait_for(lambda: recording.messages)
+    second = other.create_publisher(Empty, '/mixed', 10)
+    wait_for(lambda: recording.has(
+        'warning: /mixed has publishers of std_msgs/msg/Empty, whose messages are neither '
+        'recorded nor counted while there are publishers of std_msgs/msg/String'))
+    second.publish(Empty())
+    say(first, 'b')
+    wait_for(lambda: len(recording.messages) == 2)
+    camera.destroy_publisher(first)
+    wait_for(second.get_subscription_count)
+    second.publish(Empty())
+    wait_for(lambda: len(recording.messages) == 3)
+    assert recording.messages[2].channel.type_name == 'std_msgs/msg/Empty'
+    other.destroy_publisher(second)
+    wait_for(lambda: not node.count_publishers('/mixed'))
+    third = camera.create_publisher(String, '/mixed', 10)
+    say(third, 'c')
+    wait_for(lambda: len(recording.messages) == 4)
+    assert recording.messages[3].channel is recording.messages[0].channel
+    assert recording.end()
+    accounts = [line for line in recording.console.lines if 'messages received' in line]
+    assert [line.partition(' written')[0] for line in accounts] == [
+        'info: /mixed (std_msgs/msg/Empty): 1 messages received, 1',
+        'info: /mixed (std_msgs/msg/String): 3 messages received, 3']
+    assert not recording.has('definition')
 
 
 def test_publisher_with_another_definition(record: Record, camera: Node, other: Node) -> None:

@@ -27,6 +27,7 @@ import random
 import signal
 import subprocess
 import sys
+from threading import Event
 import time
 
 from bag_readers import decode, read_by_all, read_indexed
@@ -42,7 +43,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
-from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError
+from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError, Unwritten
 from opencv_tools.recording.finishing import finish_bags
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, ReceivedFrame
@@ -667,6 +668,63 @@ def test_batch_on_a_full_disk(tmp_path: Path) -> None:
     assert len(read_by_all(path)) == item.result.written > 10
     assert recorder.is_unfinished
     assert recorder.counts.failed == 0
+
+
+def test_messages_that_are_not_written(tmp_path: Path) -> None:
+    """Messages are no frames in the log, and each batch has its reason."""
+    clock, console, results = SteppedClock(), Console(), list[Path | Unwritten]()
+    recorder = Recorder(open_bags(tmp_path, 'a{seq}.mcap', clock=clock), console, writers=1)
+    with disk_of(5000):
+        recorder.put(batch(1, 10), results.append)
+        wait_for_results(results, 1)
+    clock.step_to(clock.now + 10)
+    recorder.put(batch(11, 1), results.append)
+    wait_for_results(results, 2)
+    recorder.close()
+    assert getattr(results[0], 'kind', '') == 'failed' and isinstance(results[1], Path)
+    assert console.lines == [
+        f'error: messages of topics were not written: {os.strerror(errno.EFBIG)}',
+        'info: Writing again; messages of topics were not written']
+
+
+@pytest.mark.parametrize(('limits', 'count', 'line'), [
+    (Limits(max_bytes=5000), 'skipped', 'info: Recording limit reached: max_bytes is 5000'),
+    (Limits(max_bytes=500, ring=True), 'failed', 'error: messages of topics were not written: a '),
+])
+def test_messages_beyond_a_limit(
+        tmp_path: Path, limits: Limits, count: str, line: str) -> None:
+    console, results = Console(), list[Path | Unwritten]()
+    recorder = Recorder(open_bags(tmp_path, 'a{seq}.mcap', limits=limits), console, writers=1)
+    recorder.put(batch(1, 10), results.append)
+    recorder.put(batch(11, 10), results.append)
+    recorder.close()
+    assert [getattr(result, 'kind', '') for result in results] == [count, count]
+    assert console.lines[0].startswith(line)
+
+
+def test_messages_that_leave_the_queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bags, may_write, results = open_bags(tmp_path), Event(), list[Path | Unwritten]()
+    prepare = bags.prepare
+    monkeypatch.setattr(bags, 'prepare', lambda item: may_write.wait() and prepare(item))
+    recorder = Recorder(bags, Console(), queue_size=1, writers=1)
+    recorder.put(batch(1, 1))
+    deadline = time.monotonic() + DEADLINE
+    while not recorder.has_room:  # until the writer has the first one
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    recorder.put(batch(2, 1), results.append)
+    recorder.put(batch(3, 1), results.append)
+    recorder.abandon()
+    may_write.set()
+    recorder.close()
+    assert [getattr(result, 'kind', '') for result in results] == ['dropped', 'not processed']
+
+
+def wait_for_results(results: list[Path | Unwritten], count: int) -> None:
+    deadline = time.monotonic() + DEADLINE
+    while len(results) < count:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
 
 
 def test_bag_of_messages_that_is_removed(tmp_path: Path) -> None:
