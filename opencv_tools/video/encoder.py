@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-import os
 from typing import Any
 
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ from opencv_tools.units import NANO
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import has_parameter_sets, is_key_frame, parameter_sets
 from opencv_tools.video.pixels import to_i420
-from opencv_tools.video.scheduling import kept_scheduling
 from opencv_tools.video.settings import (
     encoder_options, find_encoder, import_av, VideoSettings)
 
@@ -126,8 +124,6 @@ class VideoEncoder:
     def _open(self) -> Any:
         """Open the encoder; after a failure again, with the log of FFmpeg as the reason."""
         av = import_av()
-        # SVT-AV1 writes to standard error unless its environment forbids that.
-        os.environ.setdefault('SVT_LOG', '0')
         try:
             return self._try_to_open(av)
         except (av.error.FFmpegError, ValueError) as err:
@@ -161,6 +157,5 @@ class VideoEncoder:
         context.framerate, context.time_base = self._rate, 1 / self._rate
         context.thread_type = 'SLICE'
         context.options = encoder_options(self._settings, width, height, float(self._rate))
-        with kept_scheduling():
-            context.open()
+        context.open()
         return context

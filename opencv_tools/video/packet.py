@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Codecs of packets.
+#: Codecs of packets, and those that are also encoded. SVT-AV1, the only encoder of AV1 of PyAV,
+#: waits for ever at times, and makes the threads of its process real-time threads.
 CODECS = ('h264', 'h265', 'av1')
+ENCODED = CODECS[:2]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,19 +25,19 @@ from typing import Any
 from opencv_tools.image.errors import VideoError
 from opencv_tools.image.text import printable
 from opencv_tools.remedies import installation
-from opencv_tools.video.packet import CODECS
+from opencv_tools.video.packet import CODECS, ENCODED
 
 # PyAV is imported in functions, because it is optional and its import is slow.
 
-_ENCODERS = {'h264': 'libx264', 'h265': 'libx265', 'av1': 'libsvtav1'}
+_ENCODERS = {'h264': 'libx264', 'h265': 'libx265'}
 _NAME = re.compile('[a-z0-9][a-z0-9_-]{0,39}')
 _PRESET = re.compile('[a-z0-9]{0,20}')
 # Presets of libraries that write to standard error about others.
 _X26X_PRESETS = ('ultrafast', 'superfast', 'veryfast', 'faster', 'fast', 'medium', 'slow',
                  'slower', 'veryslow')
-_PRESETS = {'libx264': _X26X_PRESETS, 'libx265': _X26X_PRESETS,
-            'libsvtav1': tuple(map(str, range(14)))}
-_MAX_QUALITY = {'av1': 63, 'libsvtav1': 63}
+_PRESETS = {'libx264': _X26X_PRESETS, 'libx265': _X26X_PRESETS}
+_REFUSED = ('av1', 'libsvtav1')  # see ENCODED
+_MAX_QUALITY = 51
 _BIT_RATES = (10_000, 1_000_000_000)
 _MAX_KEY_INTERVAL = 3600.0
 _BITS_A_PIXEL = 0.1  # of encoders without a constant quality
@@ -66,8 +66,6 @@ _FAMILIES = (
         'tune': 'zerolatency', 'forced-idr': '1',
         'x265-params': 'log-level=none:info=0:scenecut=0:open-gop=0:repeat-headers=1:'
                        'frame-threads=1:pools='}),
-    _Family(end='libsvtav1', preset='12', quality='crf', parameters='svtav1-params', always={
-        'svtav1-params': 'pred-struct=1:rtc=1:scd=0:lp='}),
     _Family(end='_nvenc', preset='p3', quality='cq', always={
         'tune': 'ull', 'zerolatency': '1', 'delay': '0', 'forced-idr': '1', 'rc': 'vbr'}),
     _Family(end='_qsv', preset='veryfast', quality='global_quality', always={
@@ -81,10 +79,8 @@ class VideoSettings:
     """
     Settings of a video encoder.
 
-    :param codec: ``'h264'``, ``'h265'``, ``'av1'``, or an encoder of FFmpeg for one of them, such
-        as ``'h264_nvenc'``.
-    :param quality: constant quality from 0 (best) to 51, of AV1 to 63. 35 of AV1 is about 23 of
-        H.264.
+    :param codec: ``'h264'``, ``'h265'``, or an encoder of FFmpeg such as ``'h264_nvenc'``.
+    :param quality: constant quality from 0 (best) to 51.
     :param bit_rate: largest bit rate in bits per second; 0 for a constant quality.
     :param key_interval: longest time between two key frames in seconds.
     :param preset: preset of the encoder; '' for a fast one.
@@ -99,13 +95,12 @@ class VideoSettings:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        largest = _MAX_QUALITY.get(self.codec, 51)
         low, high = _BIT_RATES
         presets = _PRESETS.get(self.encoder_name, ())
         for name, is_valid, remedy in (
-            ('codec', _NAME.fullmatch(self.codec),
-             f'give one of {", ".join(CODECS)}, or an encoder of FFmpeg such as h264_nvenc'),
-            ('quality', 0 <= self.quality <= largest, f'give 0 (best) to {largest}'),
+            ('codec', _NAME.fullmatch(self.codec) and self.codec not in _REFUSED,
+             f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such as h264_nvenc'),
+            ('quality', 0 <= self.quality <= _MAX_QUALITY, f'give 0 (best) to {_MAX_QUALITY}'),
             ('bit_rate', self.bit_rate == 0 or low <= self.bit_rate <= high,
              f'give {low} to {high} bits per second, or 0 for a constant quality'),
             ('key_interval', math.isfinite(self.key_interval)
@@ -136,7 +131,7 @@ def find_encoder(settings: VideoSettings) -> tuple[str, Any]:
         encoder = codec_class(name, 'w')
     except ValueError as err:
         raise VideoError(f"codec '{settings.codec}': the installed PyAV has no encoder '{name}'; "
-                         f'give one of {", ".join(CODECS)}, or '
+                         f'give one of {", ".join(ENCODED)}, or '
                          f'{installation("--upgrade av")}') from err
     for codec, decoder in zip(CODECS, ('h264', 'hevc', 'av1')):
         if codec_class(decoder, 'r').id == encoder.id:
@@ -166,9 +161,6 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
         return {**options, family.quality: str(settings.quality), 'b': '0'}
     bits = str(settings.bit_rate or max(_BIT_RATES[0], int(
         _BITS_A_PIXEL * width * height * rate)))
-    if family.end == 'libsvtav1':
-        options[family.parameters] += ':rc=2'  # its low delay has no other limit
-        return {**options, 'b': bits}
     return {**options, 'b': bits, 'maxrate': bits, 'bufsize': bits}
 
 
@@ -192,8 +184,8 @@ def check_codec_name(text: str) -> None:
 
     :raises ValueError: it cannot be; the message is the remedy.
     """
-    if not _NAME.fullmatch(text):
-        raise ValueError(f'give one of {", ".join(CODECS)}, or an encoder of FFmpeg such as '
+    if not _NAME.fullmatch(text) or text in _REFUSED:
+        raise ValueError(f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such as '
                          'h264_nvenc')
 
 

@@ -86,7 +86,7 @@ def colors(page: Page, topic: str = TOPIC) -> np.ndarray:
         for x in (0.125, 0.375, 0.625, 0.875)])
 
 
-@pytest.mark.parametrize('codec', ['h264', 'av1'])
+@pytest.mark.parametrize('codec', ['h264'])
 def test_pixels_of_video(
         codec: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
     front, page = VideoCamera(camera, codec=codec), browser.new_page(viewer.url)

@@ -21,7 +21,7 @@ from functools import lru_cache
 from av.codec.codec import Codec, UnknownCodecError
 import numpy as np
 from opencv_tools.video.encoder import VideoEncoder
-from opencv_tools.video.packet import CODECS, VideoPacket
+from opencv_tools.video.packet import ENCODED, VideoPacket
 from opencv_tools.video.settings import VideoSettings
 import pytest
 
@@ -30,14 +30,14 @@ DECODERS = {'h264': 'h264', 'h265': 'hevc', 'av1': 'libdav1d'}
 
 
 def has_encoder(name: str) -> bool:
-    """Return whether the installed PyAV has an encoder; old versions have none for AV1."""
+    """Return whether the installed PyAV has an encoder."""
     try:
         return bool(Codec(name, 'w'))
     except UnknownCodecError:
         return False
 
 
-HERE = tuple(codec for codec in CODECS if has_encoder(VideoSettings(codec=codec).encoder_name))
+HERE = tuple(codec for codec in ENCODED if has_encoder(VideoSettings(codec=codec).encoder_name))
 every_codec = pytest.mark.parametrize('codec', HERE)
 
 

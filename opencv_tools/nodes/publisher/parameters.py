@@ -105,10 +105,10 @@ class PublisherSettings(NodeSettings):
         95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to 100 (best)',
         bounds=(1, 100), changeable=True)
     video_codec: str = parameter(
-        'h264', 'Codec of the video topics: h264, h265, av1, or an encoder of FFmpeg such as '
+        'h264', 'Codec of the video topics: h264, h265, or an encoder of FFmpeg such as '
         'h264_nvenc', check=check_codec_name, changeable=True)
     video_quality: int = parameter(
-        23, 'Quality of the video (CRF), from 0 (best) to 51, of AV1 to 63', bounds=(0, 63),
+        23, 'Quality of the video (CRF), from 0 (best) to 51', bounds=(0, 51),
         changeable=True)
     video_bit_rate: int = parameter(
         0, 'Largest number of bits per second of the video, from 10000; 0 for a constant quality',

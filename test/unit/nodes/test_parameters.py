@@ -51,7 +51,7 @@ VALUES = {
         'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
         'height': (0, 65536), 'fps': (0.0, 1000.0), 'fourcc': str,
         'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
-        'jpeg_quality': (1, 100), 'video_codec': str, 'video_quality': (0, 63),
+        'jpeg_quality': (1, 100), 'video_codec': str, 'video_quality': (0, 51),
         'video_bit_rate': (0, BILLION), 'video_key_interval': (0.1, 3600.0), 'video_preset': str,
         'stamp': {'capture', 'publish', 'original'},
         'stamp_offset': (-1e6, 1e6), 'clock': {False, True},

@@ -49,7 +49,7 @@ from recordings import open_videos
 from videos import play
 
 BEGIN_NS = 1_700_000_000 * NANO
-CODECS = ('h264', 'h265', 'av1')
+CODECS = ('h264', 'h265')
 STEP_NS = 40_123_457
 every_format = pytest.mark.parametrize('suffix', ['.mp4', '.mkv'])
 

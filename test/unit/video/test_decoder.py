@@ -16,6 +16,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+from pathlib import Path
 import subprocess
 import sys
 
@@ -27,11 +30,14 @@ from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.video.bit_stream import obu
 from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.packet import CODECS
+from opencv_tools.video.parameter_sets import (
+    is_key_frame, parameter_sets, picture_size, webcodecs_name)
 from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import VideoSettings
 import pytest
 from video_packets import draw, encoded, every_codec, packets
 
+AV1 = Path(__file__).parents[2] / 'data' / 'av1_160x120.json'
 # An SPS of H.264 with 16384x16384 pixels: Baseline, level 6.2, width and height ue(1023) + 1.
 HUGE_SPS = bytes.fromhex('0000000167 42c03e') + int(
     '1' '1' '011' '010' '0' + 2 * ('0' * 10 + '10000000000') + '1' '1' '0' '0' '1', 2
@@ -227,3 +233,19 @@ def test_frame_with_invalid_colours_is_refused() -> None:
         assert VideoDecoder('h264').decode(bytes(packet)).shape == (64, 64, 3)
     except VideoError as err:
         assert 'cannot be decoded' in str(err)
+
+
+def test_video_of_av1() -> None:
+    sent = [base64.b64decode(text) for text in json.loads(AV1.read_text())]
+    assert [is_key_frame('av1', data) for data in sent] == [True, *5 * [False]]
+    assert picture_size('av1', sent[0]) == (160, 120)
+    assert webcodecs_name('av1', sent[0]) == 'av01.0.00M.08'
+    assert parameter_sets('av1', sent[0]) and not parameter_sets('av1', sent[1])
+    decoder = VideoDecoder('av1')
+    with pytest.raises(KeyFrameNeeded):
+        decoder.decode(sent[1])
+    for number, data in enumerate(sent):
+        error = decoder.decode(data).astype(int) - draw(160, 120, number)
+        assert abs(error).mean() < 4
+    with pytest.raises(VideoError, match='160x120'):
+        VideoDecoder('av1', 160 * 120 - 1).decode(sent[0])

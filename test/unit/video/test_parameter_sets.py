@@ -30,7 +30,6 @@ from opencv_tools.video.packet import CODECS
 from opencv_tools.video.parameter_sets import (
     h264_frame_number, has_parameter_sets, is_key_frame, length_prefixed_to_annexb,
     parameter_sets, picture_size, read_extradata, sequence_headers, webcodecs_name)
-from opencv_tools.video.scheduling import kept_scheduling
 from opencv_tools.video.settings import VideoSettings
 import pytest
 from video_packets import DECODERS, encoded, every_codec, has_encoder, HERE, packets
@@ -46,10 +45,8 @@ KNOWN = [
     ('libx265', {'x265-params': 'log-level=none:level-idc=3.1'}, 'yuv420p', 'hev1.1.6.L93.90'),
     ('libx265', {'x265-params': 'log-level=none:level-idc=5.1:high-tier=0', 'profile': 'main10'},
      'yuv420p10le', 'hev1.2.4.L153.90'),
-    ('libsvtav1', {}, 'yuv420p', 'av01.0.00M.08'),
-    ('libsvtav1', {}, 'yuv420p10le', 'av01.0.00M.10'),
 ]
-CODEC_OF = {'libx264': 'h264', 'libx265': 'h265', 'libsvtav1': 'av1'}
+CODEC_OF = {'libx264': 'h264', 'libx265': 'h265'}
 
 
 def real_size(codec: str, data: bytes) -> tuple[int, int]:
@@ -87,7 +84,6 @@ def test_sizes_of_other_h264_streams(options: dict[str, str], size: tuple[int, i
 
 @pytest.mark.parametrize(('encoder_name', 'options', 'pixels', 'name'), [
     row for row in KNOWN if has_encoder(row[0])])
-@kept_scheduling()
 def test_known_webcodecs_names(
     encoder_name: str, options: dict[str, str], pixels: str, name: str, tmp_path: Path,
 ) -> None:
@@ -115,7 +111,7 @@ def test_webcodecs_name_of_the_high_tier() -> None:
 
 @every_codec
 def test_webcodecs_names_of_own_packets(codec: str) -> None:
-    names = {'h264': 'avc1.64000B', 'h265': 'hev1.1.6.L60.90', 'av1': 'av01.0.00M.08'}
+    names = {'h264': 'avc1.64000B', 'h265': 'hev1.1.6.L60.90'}
     key, following = packets(codec)[:2]
     assert webcodecs_name(codec, key.data) == names[codec]
     assert webcodecs_name(codec, following.data) is None
@@ -142,14 +138,12 @@ def test_numbers_of_h264_pictures() -> None:
 
 @every_codec
 @pytest.mark.parametrize('container', ['mp4', 'matroska'])
-@kept_scheduling()
 def test_packets_of_containers(codec: str, container: str) -> None:
     file, sent = io.BytesIO(), packets(codec)
     with av.open(file, 'w', format=container) as output:
         encoder = VideoSettings(codec=codec).encoder_name
         stream = output.add_stream(encoder, rate=30, options={
-            'tune': 'zerolatency', 'x265-params': 'log-level=none', 'svtav1-params': 'lp=1'}
-            if codec != 'av1' else {'svtav1-params': 'lp=1:pred-struct=1'})
+            'tune': 'zerolatency', 'x265-params': 'log-level=none'})
         stream.width, stream.height, stream.pix_fmt = 160, 120, 'yuv420p'
         for packet in stream.encode(av.VideoFrame(160, 120, 'yuv420p')):
             output.mux(packet)
@@ -158,7 +152,7 @@ def test_packets_of_containers(codec: str, container: str) -> None:
         video = opened.streams.video[0]
         sets, length_size = read_extradata(codec, video.codec_context.extradata)
         data = next(bytes(packet) for packet in opened.demux(video) if packet.size)
-    assert length_size == (0 if codec == 'av1' else 4)
+    assert length_size == 4
     assert has_parameter_sets(codec, sets) and picture_size(codec, sets) == (160, 120)
     data = length_prefixed_to_annexb(data, length_size) if length_size else data
     assert is_key_frame(codec, data)
