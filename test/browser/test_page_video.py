@@ -143,7 +143,7 @@ def test_video_after_a_restart_of_the_viewer(
     start_viewer(port=viewer.port)
     front.show(page, 2)
     assert 'h264' in page.wait_for(SHOWN)
-    assert page.evaluate(NOTICE) == ''
+    page.wait_for(f'{NOTICE} === ""')
 
 
 def test_odd_size(viewer: Viewer, browser: Browser, camera: Node) -> None:
