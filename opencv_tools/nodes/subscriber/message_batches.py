@@ -25,8 +25,8 @@ from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
-from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.errors import Unwritten
+from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone
 from opencv_tools.topics.order import Position
 from opencv_tools.topics.ros_errors import ros_reason
