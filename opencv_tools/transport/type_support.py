@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import ctypes
 from ctypes import addressof, c_bool, c_char_p, c_size_t, c_uint32, c_uint64, c_uint8, c_void_p
-import sys
 from typing import Any
 
 from opencv_tools.message_types.definition import Array, TypeDefinition
@@ -172,15 +171,9 @@ class TypeSupport:
         It has no instances: messages are published and received as bytes. The class refers to
         this object, and so keeps the structures.
         """
-        def refuse(cls: type | None = None) -> None:
+        def refuse(cls: type) -> None:
             raise TypeError(f'{self._name} has no messages in Python; publish bytes of CDR, and '
                             'subscribe with raw=True')
-
-        def create_message(cls: type) -> Any:
-            # rclpy also looks whether there is a function when it creates a subscription.
-            if 'take_message' in sys._getframe(1).f_code.co_names:
-                refuse()
-            return new_message
 
         create = self._keep(_Create(lambda: None))  # rclpy raises MemoryError
         convert = self._keep(_Convert(lambda message, other: False))
@@ -190,9 +183,7 @@ class TypeSupport:
             for attribute, function in {
                 '_CREATE_ROS_MESSAGE': create, '_CONVERT_FROM_PY': convert,
                 '_CONVERT_TO_PY': convert, '_DESTROY_ROS_MESSAGE': destroy}.items()}
-        new_message = capsules.pop('_CREATE_ROS_MESSAGE')
-        parent = type('Parent', (type,), {'_CREATE_ROS_MESSAGE': property(create_message)})
-        metaclass = parent('Metaclass', (type,), {
+        metaclass = type('Metaclass', (type,), {
             '_TYPE_SUPPORT': _new_capsule(self.address, None, None), **capsules,
             '__import_type_support__': classmethod(lambda cls: None)})
         created: type = metaclass(self._name.rpartition('/')[2], (), {

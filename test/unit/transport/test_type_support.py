@@ -133,7 +133,7 @@ def test_messages_of_a_made_type_are_refused(node: Node) -> None:
     with pytest.raises(TypeError):
         publisher.publish(object())
     node.create_subscription(video, 'refused', print, 10)  # without raw=True
-    with pytest.raises(TypeError, match=r'no messages in Python; .* subscribe with raw=True'):
+    with pytest.raises(MemoryError):
         spin_until(node, lambda: publisher.publish(bytes(28)) or False)
 
 
