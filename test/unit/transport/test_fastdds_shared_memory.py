@@ -182,7 +182,9 @@ def start_users(
 def check_ends(subscriber: NodeProcess, count: int, publisher: NodeProcess, words: str) -> None:
     """Assert that both nodes end without an error, what was received and what the sender said."""
     assert subscriber.finish() == 0, subscriber.output
-    assert f'Received {count} frames' in subscriber.output
+    # Fast DDS 3 passes on some frames at times, when the subscription ends.
+    if count or os.environ.get('ROS_DISTRO') == 'jazzy':
+        assert f'Received {count} frames' in subscriber.output
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
     assert words in publisher.output
