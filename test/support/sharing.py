@@ -106,7 +106,7 @@ class Camera:
     def die_while_filling(self) -> None:
         """End the process by SIGKILL when half of a loaned frame is filled."""
         with self.frames.loan(4, 4) as loan:
-            loan.image[:2] = self.sent
+            loan.image[:2] = self.sent % 256
             os.kill(os.getpid(), signal.SIGKILL)
 
     def end_sharing(self) -> None:
