@@ -37,6 +37,7 @@ _X26X_PRESETS = ('ultrafast', 'superfast', 'veryfast', 'faster', 'fast', 'medium
                  'slower', 'veryslow')
 _PRESETS = {'libx264': _X26X_PRESETS, 'libx265': _X26X_PRESETS}
 _REFUSED = ('av1', 'libsvtav1')  # see ENCODED
+_CODEC_REMEDY = f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such as h264_nvenc'
 _MAX_QUALITY = 51
 _BIT_RATES = (10_000, 1_000_000_000)
 _MAX_KEY_INTERVAL = 3600.0
@@ -98,8 +99,7 @@ class VideoSettings:
         low, high = _BIT_RATES
         presets = _PRESETS.get(self.encoder_name, ())
         for name, is_valid, remedy in (
-            ('codec', _NAME.fullmatch(self.codec) and self.codec not in _REFUSED,
-             f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such as h264_nvenc'),
+            ('codec', _is_codec_name(self.codec), _CODEC_REMEDY),
             ('quality', 0 <= self.quality <= _MAX_QUALITY, f'give 0 (best) to {_MAX_QUALITY}'),
             ('bit_rate', self.bit_rate == 0 or low <= self.bit_rate <= high,
              f'give {low} to {high} bits per second, or 0 for a constant quality'),
@@ -184,9 +184,12 @@ def check_codec_name(text: str) -> None:
 
     :raises ValueError: it cannot be; the message is the remedy.
     """
-    if not _NAME.fullmatch(text) or text in _REFUSED:
-        raise ValueError(f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such as '
-                         'h264_nvenc')
+    if not _is_codec_name(text):
+        raise ValueError(_CODEC_REMEDY)
+
+
+def _is_codec_name(text: str) -> bool:
+    return bool(_NAME.fullmatch(text)) and text not in _REFUSED
 
 
 def check_preset_name(text: str) -> None:

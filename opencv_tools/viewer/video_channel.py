@@ -88,7 +88,7 @@ class VideoChannel:
         self._source.remove(self)
 
     def refuse(self, reason: str) -> None:
-        """Tell the page once that there is no video."""
+        """Report to the page once that there is no video."""
         if not self._is_refused:
             self._is_refused = True
             self._refuse(reason)

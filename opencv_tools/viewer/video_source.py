@@ -40,7 +40,7 @@ class PacketReceiver(Protocol):
         """Send a packet, or skip it."""
 
     def refuse(self, reason: str) -> None:
-        """Tell the page that there is no video."""
+        """Report to the page that there is no video."""
 
 
 class VideoSource:
