@@ -1,0 +1,166 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The work of img_calibrate: a board, a check, or calibrations of one or two cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import os
+import sys
+
+from opencv_tools.calibration.actions import calibrate_found, check_found
+from opencv_tools.calibration.board_pictures import print_board
+from opencv_tools.calibration.boards import Board, CalibrationError, parse_board
+from opencv_tools.calibration.camera_file import (
+    CameraInfoError, check_camera_name, check_output, read_camera)
+from opencv_tools.calibration.view_search import FoundViews, search_sources
+from opencv_tools.capture.errors import CaptureError, TopicError
+from opencv_tools.logs import ConsoleWriter, Log
+from opencv_tools.regular_files import user_path
+
+_EXIT_OK = 0
+_EXIT_FAILURE = 1
+
+#: Finds views in the images of live topics: of one camera, or of the left and the right one.
+TopicSearch = Callable[[Board, Sequence[str], Log], FoundViews]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """Arguments of the command; '' for those that were not given."""
+
+    source: str
+    board: str
+    source_count: int = 1
+    output: str = ''
+    model: str = 'plumb_bob'
+    name: str = 'camera'
+    topic: str = ''
+    check: str = ''
+    board_pdf: str = ''
+    right: str = ''
+    right_topic: str = ''
+    right_output: str = ''
+
+    @property
+    def is_live(self) -> bool:
+        """Whether the images are those of live topics."""
+        return bool(self.topic) and not self.source
+
+    @property
+    def is_stereo(self) -> bool:
+        """Whether there are two cameras."""
+        return bool(self.right_topic if self.is_live else self.right)
+
+
+def calibrate(request: Request, search_topics: TopicSearch | None = None) -> int:
+    """
+    Calibrate or check a camera, or write a board, and print a report.
+
+    :param request: what is done.
+    :param search_topics: search of live topics; None if they are not supported.
+    :returns: the exit status.
+    :raises ValueError: an argument is invalid.
+    """
+    board = parse_board(request.board)
+    _check_request(request)
+    if request.is_stereo and board.is_symmetric:
+        raise ValueError(f'{board} looks the same after half a turn, so that the corners of two '
+                         'cameras cannot be paired: use a board with markers, or a chessboard of '
+                         'an even and an odd number of corners')
+    log = Log(ConsoleWriter('img_calibrate'))
+    if request.board_pdf:
+        print_board(board, user_path(request.board_pdf))
+        log.info(f'wrote {request.board_pdf}: print it at 100 % and check its ruler')
+        if not request.source and not request.is_live:
+            return _EXIT_OK
+    camera = read_camera(user_path(request.check), log.warning) if request.check else None
+    outputs = [user_path(text) for text in (request.output, request.right_output) if text]
+    try:
+        for path in outputs:
+            check_output(path)
+        found = _search(request, board, log, search_topics)
+        is_good = check_found(camera, found, board) if camera else calibrate_found(
+            found, board, request.model, request.name, outputs)
+        sys.stdout.flush()
+        return _EXIT_OK if is_good else _EXIT_FAILURE
+    except TopicError as err:
+        raise ValueError(str(err)) from err
+    except (CaptureError, CalibrationError, CameraInfoError) as err:
+        log.error(str(err))
+    except BrokenPipeError:  # the reader of the report has ended
+        pass
+    except OSError as err:
+        log.error(f'the report cannot be written: {err.strerror}')
+    return _EXIT_FAILURE
+
+
+def _search(
+    request: Request, board: Board, log: Log, search_topics: TopicSearch | None,
+) -> FoundViews:
+    if not request.is_live:
+        sources = [(request.source, request.topic), (request.right, request.right_topic)]
+        return search_sources(board, sources if request.right else sources[:1], log)
+    if search_topics is None:
+        raise ValueError('live topics are not supported here: use the command img_calibrate')
+    topics = [request.topic, request.right_topic]
+    try:
+        return search_topics(board, topics if request.right_topic else topics[:1], log)
+    except ImportError as err:
+        raise CaptureError(f'live topics need ROS 2, but {err}: source its setup.bash, or give '
+                           'a source') from err
+
+
+def _check_request(request: Request) -> None:
+    """
+    Check the arguments against each other.
+
+    :raises ValueError: one is invalid.
+    """
+    try:
+        check_camera_name(request.name)
+    except ValueError as err:
+        raise ValueError(f'--name is {request.name!r:.80}: {err}') from err
+    if request.source_count > 1:
+        raise ValueError(f'{request.source_count} sources are given: give a folder, or put the '
+                         "pattern in quotes, as '*.png'")
+    if not request.source and request.right:
+        raise ValueError('the source is missing: give it before --right')
+    if request.right_topic and not (request.right or request.is_live):
+        raise ValueError('--right-topic needs --right with a bag, or --topic for two live topics')
+    if not (request.source or request.is_live) and (
+            request.output or request.check or not request.board_pdf):
+        raise ValueError('the source is missing: give image files, a folder, a video or a bag, '
+                         'or a live topic with --topic')
+    if request.check and (request.output or request.is_stereo):
+        raise ValueError('--check writes nothing and takes one camera: leave out -o, and --right '
+                         'or --right-topic')
+    if request.is_stereo and _images(request.source, request.topic) == _images(
+            request.right, request.right_topic):
+        raise ValueError('the images of the left and of the right camera are the same: give those '
+                         f'of the right camera with --right{"-topic" if request.is_live else ""}')
+    if request.right_output and not request.is_stereo:
+        raise ValueError('--right-output needs --right, or --right-topic without a source: give '
+                         'the images of the right camera')
+    if request.is_stereo and bool(request.output) != bool(request.right_output):
+        raise ValueError('two cameras have two files: give -o and --right-output')
+    if request.output and user_path(request.output) == user_path(request.right_output):
+        raise ValueError('-o and --right-output are the same file: give two files')
+
+
+def _images(source: str, topic: str) -> tuple[str, str]:
+    """Return the file and the topic of images; both are equal for the same images."""
+    return os.path.realpath(user_path(source)), topic and f'/{topic.removeprefix("/")}'

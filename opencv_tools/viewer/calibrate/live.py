@@ -1,0 +1,195 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A calibration of a topic while its images arrive."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor
+from typing import Any, Protocol
+
+from opencv_tools.calibration.boards import CalibrationError
+from opencv_tools.logs import Log
+from opencv_tools.viewer.calibrate.board_search import BoardSearch, Seen
+from opencv_tools.viewer.calibrate.session import Result, Session
+from opencv_tools.viewer.calibrate.session_json import seen_json, session_json
+from opencv_tools.viewer.calibrate.solver import check_model, Solver
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
+from opencv_tools.viewer.stream import Stream
+
+
+class CalibrationPage(Protocol):
+    """A page that shows the calibration."""
+
+    def show(self, message: dict[str, Any]) -> None:
+        """Show a part of the state; a later one of the same kind replaces it."""
+
+
+class Camera(Protocol):
+    """The node of the camera, which has the calibration that is published."""
+
+    @property
+    def can_restore(self) -> bool:
+        """Whether ``restore`` is possible."""
+
+    async def save(self, result: Result) -> str:
+        """Set the calibration; return what was done, in words."""
+
+    async def restore(self) -> str:
+        """Set the calibration before the first ``save``; return what was done, in words."""
+
+
+class LiveCalibration:
+    """
+    A session, its searches, and the pages that show it.
+
+    All methods run in the loop of the server.
+    """
+
+    def __init__(self, stream: Stream, searcher: Executor, camera: Camera, log: Log) -> None:
+        """
+        Start a session without a board.
+
+        :param stream: images of the topic.
+        :param searcher: the thread that searches.
+        :param camera: node of the camera.
+        """
+        self.stream = stream
+        self.session = Session()
+        self.pages: set[CalibrationPage] = set()
+        self._camera = camera
+        self._log = log
+        self._solver = Solver()
+        self._work: asyncio.Task[None] | None = None
+        self._busy = ''
+        self._shown: tuple[object, ...] = ()
+        self._search = BoardSearch(
+            stream, self.session, searcher, lambda: bool(self.pages), self._show_seen)
+
+    def close(self) -> None:
+        """End the searches and the solution."""
+        self._search.close()
+        if self._work:
+            self._work.cancel()
+        self._solver.close()
+
+    def state(self) -> dict[str, Any]:
+        """Return the state of the session for a page."""
+        return {'state': {
+            **session_json(self.session), 'topic': self.stream.name, 'busy': self._busy,
+            'restorable': self._camera.can_restore}}
+
+    def act(self, message: dict[str, Any]) -> None:
+        """
+        Do what a page wants.
+
+        :raises CalibrationError: it is not possible now.
+        :raises RequestError: the message has no known key.
+        """
+        word = next((word for word in _ACTIONS if word in message), None)
+        if word is None:
+            raise RequestError('the message has no known key, such as board or solve')
+        _ACTIONS[word](self, message[word])
+        self._show(self.state())
+
+    def solve(self, model: Any) -> None:
+        """
+        Begin to solve.
+
+        :param model: distortion model.
+        :raises CalibrationError: there is no such model, or there are too few views.
+        """
+        def begin() -> Coroutine[Any, Any, str]:
+            check_model(model)
+            self.session.begin_solution()
+            return self._solved(model)
+
+        self._start('solving', begin)
+
+    def save(self) -> None:
+        """
+        Begin to set the calibration of the camera.
+
+        :raises CalibrationError: there is none.
+        """
+        result = self.session.result
+        if result is None:
+            raise CalibrationError('there is no result to save: solve first')
+        self._start('saving', lambda: self._camera.save(result))
+
+    def restore(self) -> None:
+        """
+        Begin to set the former calibration of the camera.
+
+        :raises CalibrationError: the session is busy.
+        """
+        self._start('restoring', self._camera.restore)
+
+    async def _solved(self, model: str) -> str:
+        selection, numbers = self.session.selection, self.session.numbers
+        calibration, verdict = await self._solver.solve(selection.detections, model)
+        if selection is not self.session.selection:
+            return 'the views were removed: there is no result'
+        self.session.result = Result(calibration, verdict, numbers)
+        return f'solved: the calibration is {verdict.word}'
+
+    def _start(self, busy: str, begin: Callable[[], Coroutine[Any, Any, str]]) -> None:
+        """Begin work that takes time; only one at a time."""
+        if self._busy:
+            raise CalibrationError(f'the session is {self._busy}: wait')
+        self._work = asyncio.ensure_future(self._do(begin()))
+        self._busy = busy
+
+    async def _do(self, work: Coroutine[Any, Any, str]) -> None:
+        """Wait for work that takes time, and show its outcome."""
+        try:
+            self.session.notice = await work
+        except (CalibrationError, RequestError) as err:
+            self.session.notice = str(err)[:MAX_MESSAGE]
+        except Exception as err:  # noqa: B902 (the page must not wait for ever)
+            self.session.notice = f'it has failed: {str(err)[:MAX_MESSAGE]}'
+            self._log.error(f'the calibration of {self.stream.name} has failed while '
+                            f'{self._busy}: {type(err).__name__}: {err}')
+        finally:
+            self._busy = ''
+        self._show(self.state())
+
+    def _show_seen(self, seen: Seen) -> None:
+        """Show the newest image, and the state if it has changed."""
+        self._show({'seen': seen_json(seen)})
+        session = self.session
+        present = session.hint, session.numbers, session.size, session.notice
+        if present != self._shown:
+            self._shown = present
+            self._show(self.state())
+
+    def _show(self, message: dict[str, Any]) -> None:
+        for page in tuple(self.pages):
+            page.show(message)
+
+
+# What each word of a page does, given its value.
+_ACTIONS: dict[str, Callable[[LiveCalibration, Any], None]] = {
+    'board': lambda live, text: live.session.choose(text),
+    'delete': lambda live, number: live.session.delete(number),
+    'take': lambda live, _: live.session.ask(),
+    'undo': lambda live, _: live.session.undo(),
+    'discard': lambda live, _: live.session.discard('all views were removed'),
+    'resume': lambda live, _: live.session.resume(),
+    'solve': lambda live, model: live.solve(model),
+    'save': lambda live, _: live.save(),
+    'restore': lambda live, _: live.restore(),
+}

@@ -1,0 +1,100 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Searches for a board in messages of a topic, in a thread of their own."""
+
+from __future__ import annotations
+
+import time
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.calibration.detection import BoardFinder, Detection, no_board
+from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.display import finite_limits
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image_codecs import convert_image
+from opencv_tools.viewer.encoding import message_pixels
+
+# A thorough search that finds nothing is repeated after this time, and this multiple of its own.
+_THOROUGH_SECONDS, _THOROUGH_PART = 1.0, 3.0
+_MAX_PIXELS = 1 << 25  # of 8K video
+
+
+class ThoroughPace:
+    """The times of thorough searches, which find why there is no board."""
+
+    def __init__(self) -> None:
+        """Start with a search that is due."""
+        self._due = 0.0
+
+    def is_due(self, now: float) -> bool:
+        """Return whether an image may be searched, given the time in seconds."""
+        return now >= self._due
+
+    def ended(self, now: float, duration: float) -> None:
+        """Use the end and the duration of a search in seconds."""
+        self._due = now + max(_THOROUGH_SECONDS, _THOROUGH_PART * duration)
+
+
+def gray_image(message: WireMessage) -> NDArray[np.uint8]:
+    """
+    Return an image message as an (h, w) image.
+
+    :raises ImageError: the message is not a valid image, it is too large, or its encoding cannot
+        be shown.
+    :raises CvBridgeError: the same, of a raw image.
+    """
+    image, name = message_pixels(message)
+    if not 0 < image.shape[0] * image.shape[1] <= _MAX_PIXELS:
+        raise ImageError(f'an image of {image.shape[1]}x{image.shape[0]} is not searched for a '
+                         'board: make the images smaller')
+    encoding = find_encoding(name)
+    is_small = np.dtype(encoding.dtype) == np.uint8
+    if encoding.kind in ('bayer', 'yuv'):
+        color = find_encoding('bgr8' if is_small else 'bgr16')
+        image, encoding = convert_image(image, encoding, color), color
+    low, high = (0.0, 0.0) if is_small or encoding.channels > 1 else finite_limits(image)
+    return cvtColorForDisplay(image, encoding.name, 'mono8', False, low, high)
+
+
+def search_fast(
+    finder: BoardFinder, message: WireMessage,
+) -> tuple[NDArray[np.uint8], Detection]:
+    """
+    Return an image message as ``gray_image`` does, and the board in it by a fast search.
+
+    :raises ImageError: the image cannot be read.
+    """
+    try:
+        gray = gray_image(message)
+    except CvBridgeError as err:
+        raise ImageError(str(err)) from err
+    return gray, search(finder, gray, True)[0]
+
+
+def search(
+    finder: BoardFinder, gray: NDArray[np.uint8], is_fast: bool,
+) -> tuple[Detection, float]:
+    """Return the board in an image, or why there is none, and the duration in seconds."""
+    begin = time.monotonic()
+    try:
+        found = finder.find(gray, is_fast)
+    except (cv2.error, ArithmeticError, IndexError, np.linalg.LinAlgError, ValueError) as err:
+        found = no_board((gray.shape[1], gray.shape[0]),
+                         f'the search in this image has failed: {err}')
+    return found, time.monotonic() - begin
