@@ -1,0 +1,287 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// A robot in the scene: its shapes, frames, axes, and the arrows of both conventions.
+import { Motion, matrixOf, plane } from './motion.js';
+import { fillShape } from './shapes.js';
+
+const COLORS = { visual: 0xa9b4c0, collision: 0xe08a1e, inertia: 0x8a5cd6, axis: 0xd6336c,
+  urdf: 0x1c7ed6, sdf: 0x2b9348, different: 0xe03131, chosen: 0x977103 };
+const OPACITY = { collision: 0.4, inertia: 0.5 };
+const ARC_PARTS = 32; // straight parts of the arc of a range
+const MAX_MARKS = 1000; // frames, axes and arrows of each kind
+export const PARTS = ['visuals', 'collisions', 'inertia', 'frames', 'axes'];
+
+const flat = (object) => Object.assign(object, { matrixAutoUpdate: false });
+const place = (object, numbers) => {
+  flat(object).matrix.copy(matrixOf(numbers));
+  return object;
+};
+
+/** One robot. Links are not nested, so that a chain may have any length. */
+export class RobotView {
+  constructor(robot, { number, meshes, onLoaded, different = [] }) {
+    Object.assign(this, { robot, number });
+    this.motion = new Motion(robot);
+    this.group = new THREE.Group();
+    this.different = new Set(different);
+    this.materials = [];
+    this.context = { meshes, onLoaded: () => {
+      this.waiting ??= setTimeout(() => { // once for all meshes that have come
+        this.waiting = undefined;
+        this.rescale();
+        onLoaded();
+      });
+    }, wire: this.material(COLORS.different, 1, THREE.LineBasicMaterial) };
+    this.links = robot.links.map((link, number) => this.createLink(link, number));
+    this.rescale();
+    this.update();
+  }
+
+  material(color, opacity = 1, Kind = THREE.MeshStandardMaterial, link = -1) {
+    return this.adopt(new Kind({ color, transparent: opacity < 1, opacity,
+      depthWrite: opacity === 1 }), link);
+  }
+
+  /** Keep a material for the choice of a link, the fading and the end. */
+  adopt(material, link = -1) {
+    material.side = THREE.DoubleSide;
+    this.materials.push({ material, link, opacity: material.opacity,
+      glow: material.emissive?.getHex() });
+    return material;
+  }
+
+  createLink(link, number) {
+    const view = { group: flat(new THREE.Group()), shapes: [] };
+    const { radii, pose } = link.inertial?.ellipsoid ?? {};
+    const lists = { visuals: link.visuals, collisions: link.collisions,
+      inertia: radii ? [{ pose, geometry: { kind: 'ellipsoid', radii }, color: [] }] : [] };
+    for (const [part, shapes] of Object.entries(lists)) {
+      const kind = part.replace(/s$/, '');
+      shapes.forEach((shape, index) => {
+        const isDifferent = this.different.has(`${kind}:${number}:${index}`)
+          || this.different.has(`link:${number}:-1`);
+        const [r, g, b, alpha = 1] = shape.color;
+        const color = isDifferent ? COLORS.different : shape.color.length
+          ? new THREE.Color().setRGB(r, g, b, 'srgb') : COLORS[kind];
+        const material = this.material(color, OPACITY[kind] ?? Math.max(0.05, alpha), undefined,
+          number);
+        const group = place(new THREE.Group(), shape.pose);
+        Object.assign(group.userData, { part, robot: this.number, link: number, material,
+          isSized: kind !== 'inertia' && shape.geometry.kind !== 'plane' });
+        fillShape(group, shape, { ...this.context, material,
+          adopt: kind === 'visual' && !shape.color.length && !isDifferent && ((found) => (
+            Array.isArray(found) ? found.map((one) => this.adopt(one.clone(), number))
+              : this.adopt(found.clone(), number))) });
+        view.group.add(group);
+        view.shapes.push(group);
+      });
+    }
+    this.group.add(view.group);
+    return view;
+  }
+
+  /** Return the box around all shapes and frames of links. */
+  bounds() {
+    this.links.forEach(({ group }, number) => group.matrix.copy(this.motion.links[number]));
+    this.group.updateMatrixWorld(true);
+    const box = new THREE.Box3();
+    for (const { group, shapes } of this.links) {
+      // Planes have no end, and wrong moments of inertia make ellipsoids very large.
+      for (const shape of shapes) if (shape.userData.isSized) box.expandByObject(shape);
+      box.expandByPoint(new THREE.Vector3().setFromMatrixPosition(group.matrixWorld));
+    }
+    return box;
+  }
+
+  /** Return the box around all that has a place in the picture: `bounds` and the axes. */
+  boundsWithAxes() {
+    const box = this.bounds();
+    for (const arrow of this.axes.flat()) box.expandByObject(arrow);
+    return box;
+  }
+
+  /** Create the marks again if the size of the robot has changed, as when a mesh has come. */
+  rescale() {
+    const size = Math.max(this.bounds().getSize(new THREE.Vector3()).length(), 0.02);
+    if (this.size && Math.abs(size - this.size) < 0.1 * this.size) return;
+    this.size = size;
+    for (const object of this.marks ?? []) object.removeFromParent();
+    this.createMarks();
+    this.update();
+  }
+
+  /** Create frames, axes and arrows; their lengths depend on the size of the robot. */
+  createMarks() {
+    const { robot, size } = this;
+    this.marks = [];
+    const mark = (part, object) => {
+      object.userData.part = part;
+      this.group.add(object);
+      this.marks.push(object);
+      return object;
+    };
+    const above = (object) => Object.assign(object, { renderOrder: 1 });
+    const axes = new THREE.AxesHelper(size * 0.08);
+    axes.material.depthTest = false;
+    const frame = () => mark('frames', above(flat(
+      new THREE.LineSegments(axes.geometry, axes.material))));
+    const first = (list) => list.slice(0, MAX_MARKS);
+    this.isCut = robot.links.length > MAX_MARKS;
+    this.frames = { link: first(robot.links).map(frame), joint: first(robot.joints).map(frame),
+      frame: first(robot.frames).map(frame) };
+    this.adopt(axes.material);
+    const arrow = (part, color, head) => {
+      const object = mark(part, new THREE.ArrowHelper(
+        new THREE.Vector3(0, 0, 1), new THREE.Vector3(), 1, color));
+      for (const one of [above(object.line), above(object.cone)]) {
+        one.material.depthTest = false; // arrows are seen through the shapes
+        this.adopt(one.material);
+      }
+      object.userData.head = size * head;
+      return object;
+    };
+    this.axes = first(robot.joints).map((joint, number) => joint.axes.slice(0, joint.drawn_axes).map(
+      () => arrow('axes', this.different.has(`joint:${number}:-1`) ? COLORS.different
+        : COLORS.axis, 0.02)));
+    const line = (points) => mark('axes', above(flat(new THREE.LineSegments(
+      new THREE.BufferGeometry().setFromPoints(points), lines))));
+    const lines = this.material(COLORS.axis, 1, THREE.LineBasicMaterial);
+    lines.depthTest = false;
+    this.limits = first(robot.joints).map((joint) => limitLines(joint, size * 0.06).map(line));
+    this.arrows = { urdf: first(robot.joints).map((joint, number) => arrow('urdf',
+      this.different.has(`joint:${number}:-1`) ? COLORS.different : COLORS.urdf, 0.03)),
+    sdf: first(robot.links).map((link, number) => arrow('sdf',
+      this.different.has(`link:${number}:-1`) ? COLORS.different : COLORS.sdf, 0.03)) };
+  }
+
+  /** Place all objects at the positions of the joints. */
+  update() {
+    const { motion, robot } = this;
+    this.links.forEach(({ group }, number) => group.matrix.copy(motion.links[number]));
+    for (const [kind, poses] of [['link', motion.links], ['joint', motion.joints],
+      ['frame', motion.frames]]) {
+      this.frames[kind].forEach((object, number) => object.matrix.copy(poses[number]));
+    }
+    const at = (matrix) => new THREE.Vector3().setFromMatrixPosition(matrix);
+    this.axes.forEach((arrows, number) => motion.axes(number).forEach((direction, index) => point(
+      arrows[index], at(motion.joints[number]), direction.multiplyScalar(this.size * 0.15))));
+    // The range stays in the parent link; the second line shows the position in it.
+    this.limits.forEach(([range, pointer], number) => {
+      range?.matrix.copy(motion.origins[number]);
+      pointer?.matrix.copy(motion.joints[number]);
+    });
+    this.arrows.urdf.forEach((object, number) => {
+      const start = at(motion.links[robot.joints[number].parent]);
+      point(object, start, at(motion.origins[number]).sub(start));
+    });
+    this.arrows.sdf.forEach((object, number) => {
+      const start = this.startOfPose(robot.links[number].name);
+      point(object, start, at(motion.links[number]).sub(start));
+    });
+    this.group.updateMatrixWorld(true);
+  }
+
+  /** Return the origin of the frame that the SDF file places a link in. */
+  startOfPose(name) {
+    const [kind, other] = this.robot.files.sdf.poses.link?.[name]?.in ?? ['model', ''];
+    const matrix = kind === 'model' ? undefined : this.matrixOfFrame(kind, other);
+    const start = new THREE.Vector3();
+    return matrix ? start.setFromMatrixPosition(matrix) : start;
+  }
+
+  /** Return the matrix of a link, joint or frame by its name. */
+  matrixOfFrame(kind, name) {
+    this.numbers ??= Object.fromEntries(['link', 'joint', 'frame'].map((one) => [one, new Map(
+      this.robot[`${one}s`].map((owner, number) => [owner.name, number]))]));
+    return this.motion[`${kind}s`][this.numbers[kind].get(name)];
+  }
+
+  /**
+   * Show what belongs to a convention.
+   *
+   * @param convention `urdf` or `sdf`.
+   * @param shown names of the parts that are shown.
+   */
+  show(convention, shown) {
+    for (const object of this.group.children) {
+      const { part } = object.userData;
+      if (part) object.visible = part === convention || shown.has(part);
+    }
+    for (const { shapes } of this.links) {
+      for (const object of shapes) object.visible = shown.has(object.userData.part);
+    }
+    if (!shown.has('frames')) return;
+    for (const [kind, other] of [['joint', 'urdf'], ['link', 'sdf']]) {
+      for (const object of this.frames[kind]) object.visible = convention === other;
+    }
+  }
+
+  /** Set how much of the robot is seen, from 0 to 1. */
+  fade(amount) {
+    this.group.visible = amount > 0.01;
+    for (const { material, opacity } of this.materials) {
+      material.opacity = opacity * amount;
+      if (material.transparent !== material.opacity < 1) material.needsUpdate = true;
+      material.transparent = material.opacity < 1;
+    }
+  }
+
+  /** Mark the shapes of one link. */
+  mark(number) {
+    for (const { material, link, glow } of this.materials) {
+      material.emissive?.setHex(link === number && link >= 0 ? COLORS.chosen : glow);
+    }
+  }
+
+  /** Free the memory of the graphics. */
+  dispose() {
+    this.group.traverse((object) => {
+      object.geometry?.dispose();
+    });
+    for (const { material } of this.materials) {
+      material.map?.dispose();
+      material.dispose();
+    }
+  }
+}
+
+/** Return the points of lines that show the range of a joint, and the position in it. */
+function limitLines({ kind, limits, axes, drawn_axes: count, loop }, radius) {
+  const [lower, upper] = limits[0] ?? [null, null];
+  if (!count || loop || lower === null || upper === null) return [];
+  const axis = new THREE.Vector3(...axes[0]);
+  if (kind === 'prismatic') return [[lower, upper].map((end) => axis.clone().multiplyScalar(end))];
+  if (kind !== 'revolute') return [];
+  const center = new THREE.Vector3();
+  const side = new THREE.Vector3(...plane(axes[0])[0]).multiplyScalar(radius);
+  const arc = Array.from({ length: ARC_PARTS + 1 }, (_, part) => side.clone().applyAxisAngle(
+    axis, lower + (upper - lower) * part / ARC_PARTS));
+  return [[center, arc[0], ...arc.slice(1).flatMap((end, part) => [arc[part], end]), arc.at(-1),
+    center], [center, side.clone().multiplyScalar(1.4)]];
+}
+
+/** Place an arrow, and hide one without a length. */
+function point(arrow, start, vector) {
+  const length = vector.length();
+  arrow.position.copy(start);
+  arrow.scale.setScalar(length > 1e-9 ? 1 : 1e-9);
+  if (length <= 1e-9) return;
+  const { head } = arrow.userData;
+  // Not setDirection, which is inexact for directions near y.
+  const direction = vector.divideScalar(length);
+  const [u, v] = plane(direction.toArray()).map((one) => new THREE.Vector3(...one));
+  arrow.quaternion.setFromRotationMatrix(new THREE.Matrix4().makeBasis(u, direction, v.negate()));
+  arrow.setLength(length, Math.min(head, length / 2), Math.min(head, length / 2) * 0.5);
+}

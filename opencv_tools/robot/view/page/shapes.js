@@ -1,0 +1,232 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+// Shapes of links: simple bodies and meshes; what is not shown is a box of wire.
+
+import { checkCollada, checkGltf, checkObj, MeshError } from './limits.js';
+
+const WIRE_SIZE = 0.1; // of the box of a shape without a size, in metres
+const MAX_TRIANGLES = 5e6; // of all meshes of the page
+const MAX_PIXELS = 1e8; // of all textures of the page
+const MAX_REASON = 120; // characters of a library
+
+/** Loads each mesh once, and no other file than those that belong to it. */
+export class Meshes {
+  constructor(list) {
+    this.list = list;
+    this.loaded = new Map();
+    this.triangles = 0;
+    this.pixels = 0;
+  }
+
+  /** Return a promise of an object for a mesh; it is rejected with the reason. */
+  load(number) {
+    if (!this.loaded.has(number)) this.loaded.set(number, this.read(number));
+    return this.loaded.get(number);
+  }
+
+  async read(number) {
+    const mesh = this.list[number];
+    if (mesh.reason) throw new MeshError(mesh.reason);
+    const manager = new THREE.LoadingManager();
+    const textures = new Map(); // numbers by address
+    manager.setURLModifier((url) => {
+      if (/^(blob|data):/.test(url)) return url;
+      const part = mesh.parts[url.trim()];
+      textures.set(this.address(part), part);
+      return this.address(part);
+    });
+    manager.onError = (url) => { // other maps have no number
+      const part = textures.get(url);
+      if (part !== undefined || url.startsWith('blob:')) this.lose(mesh, part, 'it is damaged');
+    };
+    const loaded = new Promise((resolve) => {
+      manager.onLoad = resolve;
+    });
+    manager.itemStart(mesh.uri);
+    const object = await this.parse(mesh, await this.bytes(number), manager);
+    manager.itemEnd(mesh.uri);
+    await loaded;
+    let triangles = 0;
+    const [geometries, materials] = [new Set(), new Set()];
+    object.traverse(({ geometry, material, isInstancedMesh, count }) => {
+      if (!geometry) return;
+      geometries.add(geometry);
+      triangles += (geometry.index ?? geometry.attributes.position).count / 3
+        * (isInstancedMesh ? count : 1);
+      for (const one of [material].flat()) materials.add(one);
+    });
+    if (!triangles) throw new MeshError('it has no triangles');
+    if (this.triangles + triangles > MAX_TRIANGLES) {
+      throw new MeshError(`all meshes have more than ${MAX_TRIANGLES} triangles`);
+    }
+    for (const { attributes } of geometries) {
+      if (!attributes.position.array.every(Number.isFinite)) {
+        throw new MeshError('it has points without place');
+      }
+    }
+    this.triangles += triangles;
+    for (const material of materials) await this.checkTextures(mesh, material, textures);
+    return object;
+  }
+
+  /** Remove the textures that are not there, and those above the limit of all. */
+  async checkTextures(mesh, material, textures) {
+    for (const [key, texture] of Object.entries(material)) {
+      if (texture?.isTexture) {
+        const { image } = texture;
+        const pixels = (image?.width ?? 0) * (image?.height ?? 0);
+        let reason = this.pixels + pixels > MAX_PIXELS
+          ? `all textures have more than ${MAX_PIXELS} pixels` : '';
+        if (pixels && !reason) {
+          this.pixels += pixels;
+          if (image.src && !await isWhole(image.src)) reason = 'it is damaged';
+        }
+        if (reason) this.lose(mesh, textures.get(image.getAttribute?.('src')), reason);
+        if (reason || !pixels) material[key] = null;
+      }
+    }
+  }
+
+  /** Keep the reason why a texture of a mesh is not shown. */
+  lose(mesh, number, reason) {
+    const part = this.list[number];
+    if (part) part.reason ||= reason;
+    else mesh.parts[''] ??= this.list.push({ uri: 'texture in it', reason }) - 1;
+  }
+
+  /** Return the address of a file; an address without content if it is not shown. */
+  address(number) {
+    const { media_type: type, data, reason } = this.list[number]
+      ?? { reason: 'it does not belong to a mesh' };
+    if (reason) return 'data:,';
+    return data === undefined ? `mesh/${number}` : `data:${type};base64,${data}`;
+  }
+
+  async bytes(number) {
+    const { data } = this.list[number];
+    if (data !== undefined) return Uint8Array.from(atob(data), (one) => one.charCodeAt(0)).buffer;
+    const answer = await fetch(this.address(number));
+    if (!answer.ok) throw new MeshError('it cannot be read');
+    return answer.arrayBuffer();
+  }
+
+  async parse({ kind, parts }, bytes, manager) {
+    const text = (data = bytes) => new TextDecoder().decode(data);
+    if (kind === 'stl') {
+      const count = bytes.byteLength > 84 ? new DataView(bytes).getUint32(80, true) : 0;
+      if (count * 50 > bytes.byteLength && !text().slice(0, 512).includes('solid')) {
+        throw new MeshError('it is damaged');
+      }
+      return new THREE.Mesh(new THREE.STLLoader().parse(bytes));
+    }
+    if (kind === 'obj') {
+      checkObj(text());
+      const libraries = Object.values(parts).filter((number) => this.list[number].kind === 'mtl');
+      const texts = await Promise.all(libraries.map(async (one) => text(await this.bytes(one))));
+      return new THREE.OBJLoader(manager).setMaterials(
+        new THREE.MTLLoader(manager).parse(texts.join('\n'), '')).parse(text());
+    }
+    if (kind === 'dae') {
+      checkCollada(text());
+      return collada(new THREE.ColladaLoader(manager).parse(text(), ''));
+    }
+    checkGltf(bytes);
+    // RViz and Gazebo keep the coordinates of glTF.
+    return (await new THREE.GLTFLoader(manager).parseAsync(bytes, '')).scene;
+  }
+}
+
+/** Return whether a picture is complete; an image element shows a part of it without an error. */
+async function isWhole(address) {
+  try {
+    (await createImageBitmap(await (await fetch(address)).blob())).close();
+    return true;
+  } catch {
+    return false;
+  }
+}
+
+/** Return the scene of a Collada file in metres. As in RViz, up_axis does not rotate it. */
+function collada(file) {
+  if (!file) throw new MeshError('it is damaged');
+  file.scene.rotation.set(0, 0, 0);
+  return new THREE.Group().add(file.scene);
+}
+
+const UPRIGHT = new THREE.Matrix4().makeRotationX(Math.PI / 2); // three.js has cylinders along y
+const UNIT = { box: new THREE.BoxGeometry(), sphere: new THREE.SphereGeometry(1, 32, 16),
+  cylinder: new THREE.CylinderGeometry(1, 1, 1, 32).applyMatrix4(UPRIGHT),
+  cone: new THREE.CylinderGeometry(0, 1, 1, 32).applyMatrix4(UPRIGHT),
+  plane: new THREE.PlaneGeometry() };
+
+const EDGES = new THREE.EdgesGeometry(new THREE.BoxGeometry(WIRE_SIZE, WIRE_SIZE, WIRE_SIZE));
+
+/** Return a simple body. */
+function bodyOf({ kind, size, radii, radius, length, normal }, material) {
+  if (kind === 'capsule') {
+    return new THREE.Mesh(new THREE.CapsuleGeometry(radius, length, 6, 24).applyMatrix4(UPRIGHT),
+      material);
+  }
+  const body = new THREE.Mesh(UNIT[kind === 'ellipsoid' ? 'sphere' : kind], material);
+  body.scale.set(...(radii ?? size ?? [radius, radius, length ?? radius]), 1);
+  if (normal) {
+    body.quaternion.setFromUnitVectors(new THREE.Vector3(0, 0, 1),
+      new THREE.Vector3(...normal).normalize());
+  }
+  return body;
+}
+
+/** Return a box of wire instead of a shape; `userData.reason` says why. */
+function wireBox(reason, material) {
+  const box = new THREE.LineSegments(EDGES, material);
+  box.userData.reason = reason;
+  return box;
+}
+
+/**
+ * Fill a group with a shape.
+ *
+ * @param material of the body.
+ * @param adopt returns the materials of a mesh as the robot shows them; if there is none, the mesh
+ *   has `material`.
+ * @param wire material of a box of wire.
+ * @param onLoaded called when a mesh has been loaded, or has failed.
+ */
+export function fillShape(group, { geometry }, { material, adopt, wire, meshes, onLoaded }) {
+  if (geometry.kind === 'none') {
+    group.add(wireBox(geometry.reason, wire));
+  } else if (geometry.kind !== 'mesh') {
+    group.add(bodyOf(geometry, material));
+  } else {
+    meshes.load(geometry.mesh).then((object) => {
+      const copy = object.clone();
+      copy.traverse((part) => {
+        if (!part.isMesh) return;
+        part.material = adopt && hasColours(part.material) ? adopt(part.material) : material;
+      });
+      const scaled = new THREE.Group().add(copy);
+      scaled.scale.set(...geometry.scale);
+      group.add(scaled);
+    }).catch((err) => {
+      const mesh = meshes.list[geometry.mesh];
+      mesh.reason ||= err instanceof MeshError ? err.message
+        : `it is damaged (${err.message.slice(0, MAX_REASON)})`;
+      group.add(wireBox(`${mesh.uri}: ${mesh.reason}`, wire));
+    }).finally(onLoaded);
+  }
+}
+
+const hasColours = (material) => [material].flat().some(
+  (one) => one.map || (one.color && one.color.getHex() !== 0xffffff && one.name));

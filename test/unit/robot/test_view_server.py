@@ -1,0 +1,326 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The page on this machine: what it serves, to whom, and the new version after a change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from http.client import BadStatusLine, HTTPConnection, HTTPResponse
+import json
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+from opencv_tools.robot.cli import robot_view
+from opencv_tools.robot.view.server import _MAX_CONNECTIONS
+import pytest
+
+pytestmark = pytest.mark.process
+DEADLINE = 120.0
+LINK = '<robot name="{}"><link name="base"/></robot>'
+MESH = ('<robot name="r"><link name="base"><visual><geometry><mesh filename="{}"/></geometry>'
+        '</visual></link></robot>')
+
+
+class Server:
+    """A process of robot_view."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'opencv_tools.robot.cli', 'robot_view', *arguments,
+             '--port', '0'], stderr=subprocess.PIPE, text=True)
+        assert self.process.stderr is not None
+        self.line = self.process.stderr.readline()
+        self.port = int(re.search(r'http://localhost:(\d+)/', self.line)[1])
+
+    def get(self, path: str, host: str = 'localhost', method: str = 'GET'
+            ) -> tuple[HTTPResponse, bytes]:
+        connection = HTTPConnection('127.0.0.1', self.port, timeout=DEADLINE)
+        connection.request(method, path, headers={'Host': f'{host}:{self.port}'})
+        answer = connection.getresponse()
+        data = answer.read()
+        connection.close()
+        return answer, data
+
+    def robot(self, after: int | None = None) -> Any:
+        """Return the robot; with ``after``, once there is another version."""
+        end = time.monotonic() + DEADLINE
+        while time.monotonic() < end:
+            answer, data = self.get('/robot.json' + (f'?after={after}' if after else ''))
+            if answer.status == 200:
+                return json.loads(data)
+        raise AssertionError(f'there is no version after {after}')
+
+    def close(self) -> None:
+        if self.process.poll() is not None:
+            return
+        self.process.send_signal(signal.SIGINT)
+        self.process.communicate(timeout=DEADLINE)
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Path:
+    """Write a robot."""
+    path = tmp_path / 'robot.urdf'
+    path.write_text(LINK.format('first'))
+    return path
+
+
+@pytest.fixture
+def server(robot: Path) -> Iterator[Server]:
+    """Start a server for the robot."""
+    started = Server(str(robot))
+    yield started
+    started.close()
+
+
+def test_new_version_after_a_change(server: Server, robot: Path) -> None:
+    first = server.robot()
+    assert (first['version'], first['robots'][0]['name']) == (1, 'first')
+    robot.write_text(LINK.format('second, longer'))
+    second = server.robot(after=1)
+    assert second['robots'][0]['name'] == 'second, longer'
+    robot.write_text('<robot name="r"><link></robot>')
+    third = server.robot(after=second['version'])
+    assert 'robot.urdf' in third['error'] and 'robots' not in third
+    robot.write_text(LINK.format('fourth'))
+    assert server.robot(after=third['version'])['robots'][0]['name'] == 'fourth'
+
+
+def test_one_version_of_a_robot_with_a_mesh(robot: Path) -> None:
+    (robot.parent / 'a.stl').write_bytes(b'triangles')
+    robot.write_text(MESH.format('a.stl'))
+    server = Server(str(robot))
+    try:
+        (robot.parent / 'a.stl').write_bytes(b'more triangles')
+        changed = server.robot(after=1)
+        assert (changed['version'], changed['meshes'][0]['size']) == (2, len(b'more triangles'))
+    finally:
+        server.close()
+
+
+def save(path: Path, text: str) -> None:
+    """Write a file at once, so that no reader finds a part of it."""
+    path.with_suffix('.new').write_text(text)
+    path.with_suffix('.new').replace(path)
+
+
+def test_file_of_another_folder(tmp_path: Path) -> None:
+    robot, included = tmp_path / 'urdf' / 'robot.xacro', tmp_path / 'parts' / 'macros.xacro'
+    for path in (robot, included):
+        path.parent.mkdir()
+    head = '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+    robot.write_text(f'{head}<link name="base"/><xacro:include filename="{included}"/></robot>')
+    server = Server(str(robot))
+    try:
+        first = server.robot()
+        assert 'macros.xacro' in first['error']
+        save(included, f'{head}<link name="wrong"></robot>')
+        second = server.robot(after=first['version'])
+        assert 'macros.xacro' in second['error']
+        save(included, f'{head}<joint name="j" type="fixed"><parent link="base"/>'
+             '<child link="tool"/></joint><link name="tool"/></robot>')
+        third = server.robot(after=second['version'])
+        assert [link['name'] for link in third['robots'][0]['links']] == ['base', 'tool']
+        save(included, included.read_text().replace('tool', 'gripper'))
+        fourth = server.robot(after=third['version'])
+        assert [link['name'] for link in fourth['robots'][0]['links']] == ['base', 'gripper']
+    finally:
+        server.close()
+
+
+def test_mesh_that_appears(robot: Path) -> None:
+    robot.write_text(MESH.format('meshes/a.stl'))
+    server = Server(str(robot))
+    try:
+        assert server.robot()['meshes'][0]['reason'].startswith('it is not found')
+        (robot.parent / 'meshes').mkdir()
+        (robot.parent / 'meshes' / 'a.stl').write_bytes(b'triangles')
+        changed = server.robot(after=1)
+        assert (changed['version'], changed['meshes'][0]['reason']) == (2, '')
+    finally:
+        server.close()
+
+
+def test_page_that_is_closed_while_it_waits(server: Server, robot: Path) -> None:
+    connection = HTTPConnection('127.0.0.1', server.port, timeout=DEADLINE)
+    connection.request('GET', '/robot.json?after=1', headers={'Host': 'localhost'})
+    connection.close()
+    robot.write_text(LINK.format('another'))
+    assert server.robot(after=1)['robots'][0]['name'] == 'another'
+    server.process.send_signal(signal.SIGINT)
+    assert server.process.communicate(timeout=DEADLINE)[1] == ''
+
+
+def test_robot_that_is_wrong_at_the_start(robot: Path) -> None:
+    robot.write_text('<robot>')
+    server = Server(str(robot))
+    try:
+        error = server.robot()['error']
+        assert 'robot.urdf' in error
+        assert server.process.stderr.readline() == f'robot_view: error: {error}\n'
+        assert server.get('/mesh/0')[0].status == 404
+    finally:
+        server.close()
+
+
+def test_texture_by_its_number(robot: Path) -> None:
+    names = '../../outside.png', 'a.png'
+    (robot.parent / 'outside.png').write_bytes(b'secret')
+    robot = robot.parent / 'model' / 'urdf' / 'robot.urdf'
+    robot.parent.mkdir(parents=True)
+    (robot.parent / 'a.png').write_bytes(b'picture')
+    (robot.parent / 'a.dae').write_text(''.join(
+        f'<image><init_from>{name}</init_from></image>' for name in names))
+    robot.write_text(MESH.format('a.dae'))
+    server = Server(str(robot))
+    try:
+        numbers = {mesh['uri']: number for number, mesh in enumerate(server.robot()['meshes'])}
+        answer, data = server.get(f'/mesh/{numbers["a.png"]}')
+        assert (answer.getheader('Content-Type'), data) == ('image/png', b'picture')
+        assert server.get(f'/mesh/{numbers["../../outside.png"]}')[0].status == 404
+        mesh, _ = server.get(f'/mesh/{numbers["a.dae"]}')
+        assert mesh.getheader('Content-Type') == 'application/octet-stream'
+    finally:
+        server.close()
+
+
+def test_mesh_by_its_number(robot: Path) -> None:
+    (robot.parent / 'a.stl').write_bytes(b'triangles')
+    (robot.parent.parent / 'outside.stl').write_bytes(b'secret')
+    robot.write_text(MESH.format('a.stl'))
+    server = Server(str(robot))
+    try:
+        assert server.get('/mesh/0')[1] == b'triangles'
+        answer, data = server.get('/mesh/0', method='HEAD')
+        assert (answer.status, answer.getheader('Content-Length'), data) == (200, '9', b'')
+        for path in ('/mesh/1', '/mesh/-1', '/mesh/../robot.urdf', '/mesh/0/../../a.stl',
+                     '/a.stl', '/page/../view.py', '/page/%2e%2e%2fserver.py', '/page/server.py'):
+            assert server.get(path)[0].status == 404, path
+    finally:
+        server.close()
+
+
+def test_mesh_that_is_replaced_by_a_link(robot: Path) -> None:
+    mesh = robot.parent / 'a.stl'
+    mesh.write_bytes(b'triangles')
+    (robot.parent / 'secret').write_bytes(b'secret')
+    robot.write_text(MESH.format('a.stl'))
+    server = Server(str(robot))
+    try:
+        (robot.parent / 'link').symlink_to('secret')
+        (robot.parent / 'link').replace(mesh)
+        assert server.get('/mesh/0')[0].status == 404
+    finally:
+        server.close()
+
+
+def peak_memory(process: int) -> int:
+    """Return the largest memory that a process has had in bytes."""
+    status = Path(f'/proc/{process}/status').read_text()
+    return int(re.search(r'VmHWM:\s*(\d+) kB', status)[1]) * 1024
+
+
+def test_connections_that_read_nothing(robot: Path) -> None:
+    size, count = 40_000_000, 8
+    with (robot.parent / 'a.stl').open('wb') as file:
+        file.truncate(size)
+    robot.write_text(MESH.format('a.stl'))
+    server = Server(str(robot))
+    connections = []
+    try:
+        before = peak_memory(server.process.pid)
+        for _ in range(count):
+            connection = HTTPConnection('127.0.0.1', server.port, timeout=DEADLINE)
+            connection.request('GET', '/mesh/0', headers={'Host': 'localhost'})
+            connections.append(connection)
+            assert connection.getresponse().read(1) == b'\0'
+        assert peak_memory(server.process.pid) - before < size
+    finally:
+        for connection in connections:
+            connection.close()
+        server.close()
+
+
+def test_limit_of_connections(server: Server) -> None:
+    connections = []
+    try:
+        with pytest.raises((ConnectionError, BadStatusLine)):
+            for _ in range(_MAX_CONNECTIONS + 1):
+                connection = HTTPConnection('127.0.0.1', server.port, timeout=DEADLINE)
+                connections.append(connection)
+                connection.request('GET', '/', headers={'Host': 'localhost'})
+                assert connection.getresponse().read()
+    finally:
+        for connection in connections:
+            connection.close()
+    assert len(connections) == _MAX_CONNECTIONS + 1
+
+
+@pytest.mark.parametrize(('host', 'status'), [
+    ('localhost', 200), ('127.0.0.1', 200), ('example.org', 403), ('localhost.example.org', 403),
+    ('192.168.1.5', 403)])
+def test_foreign_hosts_are_refused(host: str, status: int, server: Server) -> None:
+    for path in ('/', '/robot.json', '/page/view.js'):
+        assert server.get(path, host)[0].status == status
+
+
+def test_headers_of_the_page(server: Server) -> None:
+    for path in ('/', '/robot.json', '/page/three.js', '/unknown'):
+        answer, _ = server.get(path)
+        assert answer.getheader('Content-Security-Policy').startswith("default-src 'none'; ")
+        assert 'unsafe' not in answer.getheader('Content-Security-Policy')
+        assert answer.getheader('X-Content-Type-Options') == 'nosniff'
+        assert answer.getheader('Access-Control-Allow-Origin') is None
+        assert answer.getheader('Cross-Origin-Resource-Policy') == 'same-origin'
+    assert server.get('/', method='POST')[0].status == 405
+
+
+def test_end_at_ctrl_c(robot: Path) -> None:
+    server = Server(str(robot))
+    assert server.line == (f'Open http://localhost:{server.port}/ in a browser; Ctrl-C ends the '
+                           'page\n')
+    server.process.send_signal(signal.SIGINT)
+    _, errors = server.process.communicate(timeout=DEADLINE)
+    assert (server.process.returncode, errors) == (0, '')
+
+
+def test_port_in_use(server: Server, robot: Path) -> None:
+    finished = subprocess.run(
+        [sys.executable, '-m', 'opencv_tools.robot.cli', 'robot_view', str(robot), '--port',
+         str(server.port)], capture_output=True, text=True, timeout=DEADLINE, check=False)
+    assert finished.returncode == 2
+    assert finished.stderr == (
+        f'robot_view: error: port {server.port} cannot be used: Address already in use; choose '
+        'another with --port\n')
+
+
+@pytest.mark.parametrize(('arguments', 'error'), [
+    (['none.urdf'], 'none.urdf: cannot be read: No such file or directory'),
+    ([''], "FILE is '': give the name of a file"),
+    (['a.urdf', ''], "FILE2 is '': give the name of a file"),
+    (['a.urdf', '--html', ''], "--html is '': give the name of a file"),
+    (['a.urdf', '--html', 'a.html', '--port', '0'],
+     '--port is for the page on this machine, and --html writes a file: leave out one of them'),
+])
+def test_arguments_that_are_wrong(
+    arguments: list[str], error: str, capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert robot_view(arguments) == 2
+    assert capsys.readouterr().err == f'robot_view: error: {error}\n'
