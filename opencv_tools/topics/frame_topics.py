@@ -67,9 +67,13 @@ class FrameTopics:
     @property
     def has_subscribers(self) -> bool:
         """Whether a frame would be received."""
+        return self.has_image_subscribers or bool(self.video and self.video.count_subscribers())
+
+    @property
+    def has_image_subscribers(self) -> bool:
+        """Whether an image would be received, not only video."""
         return bool(self.shared.has_subscribers or self.images.get_subscription_count()
-                    or self.compressed.get_subscription_count()
-                    or (self.video and self.video.count_subscribers()))
+                    or self.compressed.get_subscription_count())
 
     def count_subscribers(self) -> int:
         """

@@ -133,7 +133,8 @@ class ImageSource:
             self._before_message(publisher)
             image = self.decoding.decode(
                 message, publisher, info.number if info else 0) if self.decoding else message
-            if image is None:  # which counts as lost
+            if image is None:
+                self._queue.leave_out(publisher, Position(info.number) if info else None)
                 continue
             frame: QueuedFrame = image if isinstance(image, CdrError) else ReceivedMessage(
                 image, received_ns or time.time_ns(),

@@ -28,6 +28,8 @@ from opencv_tools.image.errors import CdrError
 _DISCOVERY_SECONDS = 2.0
 # Publishers whose numbers are remembered.
 _MAX_PUBLISHERS = 128
+# Frames from which the rate of a publisher is measured, because two may follow each other quickly.
+_MEASURED_STEPS = 30
 # A larger step of the numbers is an error of the frame, not a loss.
 _MAX_STEP = 2**32
 
@@ -58,9 +60,15 @@ class Position(NamedTuple):
 
 @dataclass(frozen=True)
 class _FirstFrame:
-    """The first frame of a publisher that arrived; earlier frames may have been lost."""
+    """
+    The first frame of a publisher that arrived; earlier frames may have been lost.
+
+    :param number: its number, as far as it is known.
+    :param message: number of its message, if it came by the image topic; otherwise 0.
+    """
 
     number: int
+    message: int
     publish_ns: int
     arrived: float
 
@@ -76,7 +84,8 @@ class _Publisher:
         self._period: float | None = None  # in seconds, from the first frames
         self._message = self._number = 0  # of the last frame
         self._offset = 0  # frames that were only shared, until the last frame
-        self._is_numbered = False  # the number of the first frame is known
+        self._before: int | None = None  # frames that were only shared before the first one
+        self._is_numbered = False  # the number of the first frame was learned
         self._arrived = 0
 
     @property
@@ -103,12 +112,16 @@ class _Publisher:
 
     def learn(self, messages: int, number: int) -> None:
         """Record that a number of messages are among the first frames."""
-        more = max(0, number - messages - self._offset)
-        if self._first and not self._is_numbered:
-            # The first frames were messages, whose numbers were not known.
+        only_shared = max(0, number - messages)
+        self._offset = max(self._offset, only_shared)
+        if self._first is None:
+            self._before = self._offset
+        elif messages < self._first.message:  # the last such announcement has all of them
+            self._before = max(self._before or 0, only_shared)
+            self._first = replace(self._first, number=self._first.message + self._before)
+        elif self._first.message and self._before is None and not self._is_numbered:
             self._is_numbered = True
-            self._first = replace(self._first, number=self._first.number + more)
-        self._offset += more
+            self._first = replace(self._first, number=self._first.message + only_shared)
 
     def is_early(self, position: Position) -> bool:
         """Return whether messages are missing before a shared frame."""
@@ -130,19 +143,17 @@ class _Publisher:
         elif self.way is Way.LEAVING:
             self.way = Way.TOPIC
         if is_new:
-            self._is_numbered |= is_shared
             self._message = position.message
             self._number = max(self._number, position.number)
             self._arrived += 1
-            self._measure(publish_ns, now)
+            self._measure(0 if is_shared else position.message, publish_ns, now)
         return is_new
 
-    def _measure(self, publish_ns: int, now: float) -> None:
+    def _measure(self, message: int, publish_ns: int, now: float) -> None:
         """Remember the first frame, and the period until the next one."""
         if self._first is None:
-            self._first = _FirstFrame(self.last, publish_ns, now)
-        elif self._period is None and self.last > self._first.number:
-            steps = self.last - self._first.number
+            self._first = _FirstFrame(self.last, message, publish_ns, now)
+        elif 0 < (steps := self.last - self._first.number) <= _MEASURED_STEPS:
             self._period = (publish_ns - self._first.publish_ns) / steps / 1e9
 
     def _is_after_last(self, position: Position) -> bool:

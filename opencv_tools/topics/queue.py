@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from threading import Condition, RLock
 from typing import Any
@@ -103,6 +104,10 @@ class FrameQueue:
         #: Number of frames that were not passed on, because newer ones have replaced them, their
         #: calibration did not arrive, or the queue was closed.
         self.skipped = 0
+        #: Number of messages of video that need one that did not arrive.
+        self.left_out = 0
+        #: Whether the last message was one of them.
+        self.waits_for_key_frame = False
         #: Number of frames that were put into the queue, and of those with their calibration.
         self.count = self.complete = 0
 
@@ -164,12 +169,23 @@ class FrameQueue:
             except CdrError as err:
                 frame = err.with_traceback(None)  # which would keep the frame in memory
             self.count += 1
+            self.waits_for_key_frame = False
             held = len(self._frames)  # with keeps_all there may be more than the capacity
             self._add(frame)
             if not keeps_all:
                 self._skip_above(self._frames, max(self._capacity, held))
             self.lock.notify()
             return self._order.way(publisher)
+
+    def leave_out(self, publisher: bytes, position: Position | None) -> None:
+        """Count a message of video that needs one that did not arrive."""
+        with self.lock, suppress(CdrError):  # the next frame has the same error
+            if position is None:
+                self._order.add_unnumbered()
+            elif not self._order.accepts(publisher, position, 0):
+                return
+            self.left_out += 1
+            self.waits_for_key_frame = True
 
     def put_info(self, info: CameraInfo) -> None:
         """Add a calibration."""

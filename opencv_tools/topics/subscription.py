@@ -46,7 +46,7 @@ class Account(NamedTuple):
     What has become of the published frames.
 
     :param skipped: number of frames that newer ones have replaced before they were passed on.
-    :param lost: number of frames that did not arrive.
+    :param lost: number of frames that did not arrive, or whose video needs one that did not.
     :param is_complete: whether ``lost`` counts all frames of each publisher, not only those after
         the first one that arrived.
     """
@@ -113,7 +113,8 @@ class FrameSubscription:
         """Return the counts of frames that were not passed on until now."""
         with self._queue.lock:
             order = self._queue.order
-            return Account(self._queue.skipped, order.count, order.is_complete)
+            return Account(self._queue.skipped, order.count + self._queue.left_out,
+                           order.is_complete)
 
     @property
     def is_latched(self) -> bool:
@@ -130,6 +131,9 @@ class FrameSubscription:
         if self._info_subscription and self._queue.has_unpaired:
             return (f'{self.topic_name} has images, but {self._info_subscription.topic_name} has '
                     'no calibration with their stamps; publish it, or set camera_info=False')
+        if self._queue.waits_for_key_frame:
+            return (f'{self.topic_name} has video, but no key frame with parameter sets, which '
+                    'its packets need; it has to repeat them')
         return self._sources.explain_no_frames()
 
     def close(self, may_continue: Callable[[], bool]) -> int:
@@ -154,6 +158,8 @@ class FrameSubscription:
                     unprocessed -= 1
             except KeyboardInterrupt:
                 is_interrupted = True
+            if is_interrupted:
+                self._sources.image.decoding = None  # the others are only counted
         self.destroy()
         return unprocessed
 

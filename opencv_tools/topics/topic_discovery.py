@@ -95,6 +95,10 @@ def image_topics(node: Node, types: Set[str] = MESSAGE_TYPES.keys()) -> list[str
                   if _NAME.fullmatch(name) and not types.isdisjoint(found))
 
 
+_WITHOUT_VIDEO = ('images with 16 bits or floating-point numbers have no video: set '
+                  'transport:=raw to receive them')
+
+
 class TopicDiscovery:
     """The raw, compressed and video topics of an image topic, and their publishers."""
 
@@ -249,14 +253,16 @@ def _describe_silent(
         return (f'the publisher of {topic} ({_describe_node(info)}) does not offer the requested '
                 f'quality of service: {mismatch}; change that of the publisher')
     nodes = enumerated(sorted({_describe_node(info) for info in offers}))
+    without_video = f'; {_WITHOUT_VIDEO}' if offers[0].topic_type in VIDEO_TOPICS else ''
     user = find_other_user()
     if user:
         return (f'{topic} has a publisher ({nodes}), but no frame arrives; user {user} also runs '
                 'nodes on this machine, and Fast DDS shares no memory between users: run all '
                 'nodes as one user')
     return (f'{topic} has a publisher ({nodes}), but no frame arrives; the publisher may be '
-            'paused or have crashed, or its source may have no frames; containers on one machine '
-            'have to share /dev/shm (--ipc=host)')
+            'paused or have crashed, may wait for another slow or killed subscriber, or have no '
+            'frames from its source; containers on one machine '
+            f'have to share /dev/shm (--ipc=host){without_video}')
 
 
 def _describe_node(info: TopicEndpointInfo) -> str:

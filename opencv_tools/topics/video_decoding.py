@@ -16,30 +16,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+import time
 
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import CdrError, ImageError, KeyFrameNeeded
+from opencv_tools.image.errors import CdrError, ImageError, KeyFrameNeeded, VideoError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.video.messages import WireVideo
-
-if TYPE_CHECKING:
-    from opencv_tools.video.decoder import VideoDecoder
+from opencv_tools.video.numbered_decoder import NumberedDecoder
 
 _BGR = find_encoding('bgr8')
-_MAX_PUBLISHERS = 4  # with a decoder of their own
-
-
-@dataclass
-class _Stream:
-    """The video of a publisher."""
-
-    decoder: VideoDecoder
-    codec: str
-    number: int  # of the last message
+_MAX_PUBLISHERS = 8  # with a decoder of their own
+_SILENT_SECONDS = 2.0  # after which a publisher gives its decoder to another one
 
 
 class VideoDecoding:
@@ -50,14 +40,17 @@ class VideoDecoding:
     too, because no frame comes of them.
     """
 
-    def __init__(self, max_pixels: int) -> None:
+    def __init__(self, max_pixels: int, clock: Callable[[], float] = time.monotonic) -> None:
         """
         Create a decoder without publishers.
 
         :param max_pixels: maximum number of pixels of a picture.
+        :param clock: monotonic clock in seconds.
         """
+        self._clock = clock
         self._max_pixels = max_pixels
-        self._streams: dict[bytes, _Stream] = {}
+        # Decoders and the time of their last packet, in seconds; the oldest one is first.
+        self._decoders: dict[bytes, tuple[NumberedDecoder, float]] = {}
 
     def decode(
         self, message: AnyMessage | CdrError, publisher: bytes, number: int,
@@ -74,23 +67,24 @@ class VideoDecoding:
         if not isinstance(message, WireVideo):
             return message
         try:
-            stream = self._stream(message.codec, publisher, number)
-            image = stream.decoder.decode(bytes(message.data), message.size)
+            codec = message.codec  # a publisher of another one gets no decoder
+            image = self._decoder(publisher).decode(
+                codec, bytes(message.data), number, message.size)
         except KeyFrameNeeded:
             return None
         except ImageError as err:
             return CdrError(str(err))
         return array_to_wire(image, _BGR, message.header)
 
-    def _stream(self, codec: str, publisher: bytes, number: int) -> _Stream:
-        """Return the stream of a publisher, a new one if messages are missing before this one."""
-        # It needs OpenCV, which subscriptions without video do not need.
-        from opencv_tools.video.decoder import VideoDecoder
-        stream = self._streams.pop(publisher, None)
-        if stream is None or stream.codec != codec or (number and number != stream.number + 1):
-            stream = _Stream(VideoDecoder(codec, self._max_pixels), codec, number)
-        stream.number = number
-        self._streams[publisher] = stream
-        if len(self._streams) > _MAX_PUBLISHERS:
-            del self._streams[next(iter(self._streams))]
-        return stream
+    def _decoder(self, publisher: bytes) -> NumberedDecoder:
+        now = self._clock()
+        decoder, _ = self._decoders.pop(publisher, (None, 0.0))
+        if decoder is None and len(self._decoders) >= _MAX_PUBLISHERS:
+            silent, (_, last) = next(iter(self._decoders.items()))
+            if now - last < _SILENT_SECONDS:
+                raise VideoError(f'more than {_MAX_PUBLISHERS} publishers send video on one '
+                                 'topic: remap the others')
+            del self._decoders[silent]
+        decoder = decoder or NumberedDecoder(self._max_pixels)
+        self._decoders[publisher] = decoder, now
+        return decoder

@@ -17,11 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
-from numpy.typing import NDArray
 from opencv_tools.image.cdr import WireHeader
-from opencv_tools.image.errors import VideoError
+from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.logs import Log
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.message_type import message_type
@@ -31,13 +30,13 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
+if TYPE_CHECKING:
+    from opencv_tools.video.stream import Picture
+
 # Pictures that a slow subscriber may receive later. Without one of them the picture stands still
 # until the next key frame.
 _DEPTH = 60
 _LOGGED_SECONDS = 10.0
-
-#: Returns an image and the name of its encoding.
-Picture = Callable[[], tuple[NDArray[Any], str]]
 
 
 class VideoTopics:
@@ -74,13 +73,14 @@ class VideoTopics:
         """Return the number of subscribers."""
         return sum(publisher.get_subscription_count() for publisher in self.publishers.values())
 
-    def publish(self, picture: Picture, header: WireHeader) -> list[Publisher]:
+    def publish(self, picture: Callable[[], Picture], header: WireHeader) -> list[Publisher]:
         """
         Publish a frame, if somebody receives it. Errors of the encoder are logged.
 
-        :param picture: returns the image.
+        :param picture: returns the image and its encoding, or the packet of a camera.
         :param header: stamp and coordinate frame of the message.
         :returns: publishers that have published it.
+        :raises KeyFrameNeeded: the packet of a camera needs a key frame that was not passed on.
         :raises ImageError: ``picture`` raised it.
         """
         used = {type_name: publisher for type_name, publisher in self.publishers.items()
@@ -88,9 +88,11 @@ class VideoTopics:
         if not used:
             self.stream.end()
             return []
-        image, encoding = picture()
+        found = picture()
         try:
-            packet = self.stream.encode(image, encoding, header.stamp_ns)
+            packet = self.stream.packet(found, header.stamp_ns)
+        except KeyFrameNeeded:
+            raise
         except VideoError as err:
             self._log.error(f'no video: {err}', every=_LOGGED_SECONDS, key='video')
             return []

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.errors import KeyFrameNeeded, SizeError, VideoError
-from opencv_tools.image.image_size import check_size, MAX_PIXELS
+from opencv_tools.image.image_size import check_size, MAX_PIXELS, MAX_VIDEO_PIXELS
 from opencv_tools.image.text import printable
 from opencv_tools.video.bit_stream import obus
+from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.parameter_sets import (
-    AV1_FRAMES, check_codec, h264_frame_number, has_parameter_sets, is_key_frame, parameter_sets,
-    sequence_headers)
+    AV1_FRAMES, check_codec, h264_frame_number, is_key_frame, sequence_headers)
 from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import import_av
 
@@ -46,16 +46,17 @@ class VideoDecoder:
         Open the decoder.
 
         :param codec: codec of the packets: ``'h264'``, ``'h265'`` or ``'av1'``.
-        :param max_pixels: largest allowed number of pixels, checked before decoding.
+        :param max_pixels: largest allowed number of pixels, checked before decoding; at most
+            ``MAX_VIDEO_PIXELS``.
         :raises VideoError: the codec is unknown, or this machine has no decoder for it.
         """
         check_codec(codec)
-        self._codec, self._max_pixels = codec, max_pixels
+        self._codec, self._max_pixels = codec, min(max_pixels, MAX_VIDEO_PIXELS)
         self._av = import_av()
         self._number = 0
-        self._needs_key, self._sets = True, b''
+        self._needs_key, self._sets = True, LastSets(codec)
         self._number_bits = self._frame_number = 0  # of H.264
-        self._context = self._open()
+        self._context: Any = self._open()  # None after an error, because it keeps pictures
 
     def decode(self, data: bytes, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
         """
@@ -75,15 +76,19 @@ class VideoDecoder:
             if self._needs_key and not is_key:
                 raise KeyFrameNeeded(f'a {self._codec} packet needs earlier packets, which are '
                                      'missing: wait for a key frame')
-            self._check_sizes(data)
+            self._check_sizes(data, size)
             self._check_number(data, is_key)
             data = self._with_sets(data) if is_key else data
             image = _cropped(self._decode(data), size)
         except VideoError:
-            self._needs_key = True
+            self.interrupt()
             raise
         self._needs_key = False
         return image
+
+    def interrupt(self) -> None:
+        """Wait for a key frame, because packets are missing."""
+        self._needs_key, self._context = True, None
 
     def _open(self) -> Any:
         try:
@@ -97,12 +102,13 @@ class VideoDecoder:
             'max_pixels': str(2 * self._max_pixels + _BLOCK * 2 ** 16)}  # with padding
         return context
 
-    def _check_sizes(self, data: bytes) -> None:
+    def _check_sizes(self, data: bytes, size: tuple[int, int] | None) -> None:
         frames = obus(data) if self._codec == 'av1' else ()
         if sum(kind in AV1_FRAMES for kind, _ in frames) > _MAX_FRAMES:
             raise VideoError(f'an av1 packet has more than {_MAX_FRAMES} frames')
         for header in sequence_headers(self._codec, data):
             self._number_bits = header.frame_number_bits
+            _check_announced(size, header.width, header.height)
             padding = _BLOCK * (header.width + header.height) + _BLOCK ** 2
             try:
                 check_size(header.width, header.height, self._max_pixels)
@@ -112,16 +118,13 @@ class VideoDecoder:
 
     def _with_sets(self, data: bytes) -> bytes:
         """Return a key frame with parameter sets, for a new decoder after an error."""
-        if has_parameter_sets(self._codec, data):
-            self._sets = parameter_sets(self._codec, data)
-        elif not self._sets:
+        complete = self._sets.complete(data)
+        if complete is None:
             raise KeyFrameNeeded(f'a {self._codec} key frame has no parameter sets: wait for one '
                                  'that has them')
-        else:
-            data = self._sets + data
-        if self._needs_key:
+        if self._needs_key or self._context is None:
             self._context = self._open()  # without the state that damaged packets have left
-        return data
+        return complete
 
     def _check_number(self, data: bytes, is_key: bool) -> None:
         """Check that no picture is missing, for which FFmpeg would show another one."""
@@ -142,17 +145,25 @@ class VideoDecoder:
         packet.pts = self._number
         try:
             frames = self._context.decode(packet)
-            # FFmpeg also refuses to convert frames with invalid colours.
-            images = [to_bgr(frame) for frame in frames[:1]]
+            if len(frames) != 1 or frames[0].pts != self._number:
+                raise VideoError(f'{len(data)} bytes of {self._codec} are not one picture: they '
+                                 'are damaged, or the encoder reorders pictures (B frames)')
+            if frames[0].is_corrupt:
+                raise VideoError(f'{len(data)} bytes of {self._codec} are damaged')
+            return to_bgr(frames[0])  # FFmpeg also refuses to convert invalid colours
+        except VideoError:
+            raise
         except (av.error.FFmpegError, ValueError) as err:
+            reason = getattr(err, 'strerror', None) or str(err)  # without FFmpeg's own number
             raise VideoError(f'{len(data)} bytes of {self._codec} cannot be decoded: '
-                             f'{printable(err)}') from err
-        if len(frames) != 1 or frames[0].pts != self._number:
-            raise VideoError(f'{len(data)} bytes of {self._codec} are not one picture: they are '
-                             'damaged, or the encoder reorders pictures (B frames)')
-        if frames[0].is_corrupt:
-            raise VideoError(f'{len(data)} bytes of {self._codec} are damaged')
-        return images[0]
+                             f'{printable(reason)}') from err
+
+
+def _check_announced(size: tuple[int, int] | None, width: int, height: int) -> None:
+    """Check that a picture has a size, or a row and a column more."""
+    if size and not (0 <= width - size[0] <= 1 and 0 <= height - size[1] <= 1):
+        raise VideoError(f'a packet has a picture of {width}x{height} pixels, but '
+                         f'{size[0]}x{size[1]} are announced')
 
 
 def _cropped(image: NDArray[np.uint8], size: tuple[int, int] | None) -> NDArray[np.uint8]:
@@ -160,7 +171,5 @@ def _cropped(image: NDArray[np.uint8], size: tuple[int, int] | None) -> NDArray[
     height, width = image.shape[:2]
     if size is None or size == (width, height):
         return image
-    if not (0 <= width - size[0] <= 1 and 0 <= height - size[1] <= 1):
-        raise VideoError(f'a packet has a picture of {width}x{height} pixels, but '
-                         f'{size[0]}x{size[1]} are announced')
+    _check_announced(size, width, height)
     return np.ascontiguousarray(image[:size[1], :size[0]])

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from opencv_tools.image.errors import VideoError
 from opencv_tools.image.text import printable
 from opencv_tools.units import NANO
+from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.packet import VideoPacket
-from opencv_tools.video.parameter_sets import has_parameter_sets, is_key_frame, parameter_sets
+from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.video.pixels import to_i420
 from opencv_tools.video.settings import (
     encoder_options, find_encoder, import_av, VideoSettings)
@@ -60,7 +61,7 @@ class VideoEncoder:
         self._number = 0
         self._last_ns: int | None = None
         self._key_ns: int | None = None
-        self._sets = b''
+        self._sets = LastSets(self.codec)
         self._context = self._open()
 
     def encode(self, image: NDArray[Any], encoding: str, stamp_ns: int, key: bool = False,
@@ -88,7 +89,8 @@ class VideoEncoder:
         is_key = is_key_frame(self.codec, data)
         if is_key:
             self._key_ns = stamp_ns
-            data = self._with_sets(data)
+            # Some encoders send their parameter sets only once.
+            data = self._sets.complete(data) or data
         return VideoPacket(
             codec=self.codec, data=data, is_key=is_key, width=width, height=height)
 
@@ -96,13 +98,6 @@ class VideoEncoder:
         if self._key_ns is None or self._last_ns is None or stamp_ns < self._last_ns:
             return True
         return stamp_ns - self._key_ns >= round(self._settings.key_interval * NANO)
-
-    def _with_sets(self, data: bytes) -> bytes:
-        """Return a key frame with its parameter sets, which some encoders send only once."""
-        if has_parameter_sets(self.codec, data):
-            self._sets = parameter_sets(self.codec, data)
-            return data
-        return self._sets + data
 
     def _encode(self, planes: NDArray[Any], is_key: bool) -> bytes:
         av = import_av()
@@ -115,7 +110,8 @@ class VideoEncoder:
         try:
             packets = [bytes(packet) for packet in self._context.encode(frame)]
         except av.error.FFmpegError as err:
-            raise VideoError(f"encoder '{self._encoder.name}' failed: {printable(err)}") from err
+            raise VideoError(f"encoder '{self._encoder.name}' failed: "
+                             f'{printable(err.strerror or err)}') from err
         if len(packets) != 1:
             raise VideoError(f"encoder '{self._encoder.name}' returned {len(packets)} packets for "
                              'an image, because it delays them: use another codec')

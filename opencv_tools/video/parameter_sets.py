@@ -137,7 +137,7 @@ def sequence_headers(codec: str, data: bytes) -> Iterator[SequenceHeader]:
                 yield av1_header(payload)
         return
     types = _NAL_TYPES[codec]
-    for unit in _leading_units(types, data):
+    for unit in nal_units(data):  # a decoder also reads those after the picture
         if types.of(unit) == types.sps:
             yield types.read(unit)
 
@@ -189,6 +189,23 @@ def parameter_sets(codec: str, data: bytes) -> bytes:
     types = _NAL_TYPES[codec]
     return b''.join(START_CODE + unit for unit in _leading_units(types, data)
                     if types.of(unit) in types.sets)
+
+
+def newest_sets(codec: str, sets: bytes, newer: bytes) -> bytes:
+    """
+    Return parameter sets, and earlier ones of the types that are not among them.
+
+    :param codec: one of ``CODECS``.
+    :param sets: earlier parameter sets, as ``parameter_sets`` returns them.
+    :param newer: newer parameter sets.
+    :raises VideoError: there are too many.
+    """
+    if codec == 'av1':
+        return newer
+    types, units = _NAL_TYPES[codec], [*nal_units(newer)]
+    found = {types.of(unit) for unit in units}
+    units += [unit for unit in nal_units(sets) if types.of(unit) not in found]
+    return b''.join(START_CODE + unit for unit in sorted(units, key=types.of))
 
 
 def _leading_units(types: _NalTypes, data: bytes) -> Iterator[bytes]:

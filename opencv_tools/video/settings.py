@@ -82,7 +82,8 @@ class VideoSettings:
 
     :param codec: ``'h264'``, ``'h265'``, or an encoder of FFmpeg such as ``'h264_nvenc'``.
     :param quality: constant quality from 0 (best) to 51.
-    :param bit_rate: largest bit rate in bits per second; 0 for a constant quality.
+    :param bit_rate: mean bits per second, of which one second may have twice as many; 0 for a
+        constant quality.
     :param key_interval: longest time between two key frames in seconds.
     :param preset: preset of the encoder; '' for a fast one.
     :raises VideoError: a value is invalid.
@@ -130,14 +131,26 @@ def find_encoder(settings: VideoSettings) -> tuple[str, Any]:
     try:
         encoder = codec_class(name, 'w')
     except ValueError as err:
-        raise VideoError(f"codec '{settings.codec}': the installed PyAV has no encoder '{name}'; "
+        raise VideoError(f"codec is '{settings.codec}': the installed PyAV has no such encoder; "
                          f'give one of {", ".join(ENCODED)}, or '
                          f'{installation("--upgrade av")}') from err
     for codec, decoder in zip(CODECS, ('h264', 'hevc', 'av1')):
         if codec_class(decoder, 'r').id == encoder.id:
             return codec, encoder
-    raise VideoError(f"codec '{settings.codec}' is an encoder for other videos: give one for "
-                     f'{", ".join(CODECS)}')
+    raise VideoError(f"codec is '{settings.codec}', an encoder for other videos: give one for "
+                     f'{", ".join(ENCODED)}')
+
+
+def check_encoder(settings: VideoSettings) -> None:
+    """
+    Check that an encoder with a name of FFmpeg exists.
+
+    Those of ``ENCODED`` are not looked for, because importing PyAV takes time.
+
+    :raises VideoError: PyAV or the encoder is missing; the message includes the remedy.
+    """
+    if settings.codec not in ENCODED:
+        find_encoder(settings)
 
 
 def encoder_options(settings: VideoSettings, width: int, height: int, rate: float,

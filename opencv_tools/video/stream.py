@@ -21,7 +21,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import VideoError
+from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.settings import VideoSettings
@@ -30,6 +30,8 @@ from opencv_tools.video.settings import VideoSettings
 _KEY_FRAMES = 2
 _KEY_SECONDS = 1.0  # between two requested key frames
 _ASSUMED_RATE = 30.0  # frames per second, by which a bit rate becomes a size of frames
+
+Picture = tuple[NDArray[Any], str] | VideoPacket
 
 
 class VideoStream:
@@ -47,6 +49,7 @@ class VideoStream:
         self.requests = 0
         self._seen = self._key_frames = 0  # requests, and key frames that they still get
         self._keyed_at = 0.0
+        self._passes = False  # whether the last packet came from a camera
         self._encoder: VideoEncoder | None = None
         self._opened = settings, 0, 0  # settings, width and height of the encoder
 
@@ -78,6 +81,31 @@ class VideoStream:
             self._key_frames = max(0, self._key_frames - 1)
         return packet
 
-    def end(self) -> None:
-        """Close the encoder. The next frame is a key frame of another one."""
+    def packet(self, picture: Picture, stamp_ns: int) -> VideoPacket:
+        """
+        Return the packet of a picture, which a camera may have encoded.
+
+        :param picture: image and encoding, as for ``encode``, or the packet of a camera.
+        :param stamp_ns: time of the picture in nanoseconds.
+        :raises KeyFrameNeeded: the packet of a camera needs a key frame that was not passed on.
+        :raises ImageError: as ``encode``.
+        """
+        if not isinstance(picture, VideoPacket):
+            self._passes = False
+            return self.encode(*picture, stamp_ns)
         self._encoder = None
+        if picture.is_key:
+            self._passes, self._seen = True, self.requests
+        if not self._passes:
+            raise KeyFrameNeeded('the video of the camera begins with its next key frame')
+        return picture
+
+    @property
+    def needs_key_frame(self) -> bool:
+        """Whether a new receiver waits for a key frame of a camera."""
+        return self._passes and self._seen != self.requests
+
+    def end(self) -> None:
+        """Close the encoder. The next packet is a key frame."""
+        self._encoder = None
+        self._passes = False

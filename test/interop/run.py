@@ -13,11 +13,12 @@
 # limitations under the License.
 
 """
-Run the tests with the parsers of Gazebo and ROS: python run.py [arguments of pytest].
+Run the tests with other programs: python run.py [arguments of pytest].
 
-The parsers are libsdformat and urdfdom. Missing ones are installed from Debian if apt-get is
-available and the user is root. Foxglove's reader of bags is installed for these tests if npm is
-available. Drake has the newest libsdformat and comes from PyPI into an environment of its own.
+The programs are the parsers libsdformat and urdfdom, and FFmpeg. Missing ones are installed from
+Debian if apt-get is available and the user is root. Foxglove's reader of bags and schemas are
+installed for these tests if npm is available. Drake has the newest libsdformat and comes from PyPI
+into an environment of its own.
 """
 
 from __future__ import annotations
@@ -36,9 +37,9 @@ SOURCE = Path(__file__).with_name('poses.cpp')
 LIBRARY = 'sdformat12'
 # Required programs, with their Debian packages.
 TOOLS = {'ign': 'ignition-tools', 'check_urdf': 'liburdfdom-tools', 'g++': 'g++',
-         'pkg-config': 'pkg-config'}
+         'pkg-config': 'pkg-config', 'ffmpeg': 'ffmpeg'}
 LIBRARY_PACKAGE = 'libsdformat-dev'
-MCAP_CORE = '@mcap/core@2.2.2'
+NODE_MODULES = ('@mcap/core@2.2.2', '@foxglove/schemas@2.1.0')
 DRAKE = 'drake==1.51.1'
 DRAKE_ENVIRONMENT = SOURCE.parents[2] / 'build' / 'drake'
 
@@ -70,13 +71,13 @@ def build(program: Path) -> None:
     subprocess.run(['g++', '-std=c++17', '-o', str(program), str(SOURCE), *flags], check=True)
 
 
-def install_mcap_core(folder: Path) -> None:
-    """Install Foxglove's reader of bags in a folder if npm is available."""
+def install_node_modules(folder: Path) -> None:
+    """Install Foxglove's reader of bags and schemas in a folder if npm is available."""
     if shutil.which('npm'):
         (folder / 'package.json').write_text('{}')
-        subprocess.run(['npm', 'install', '--silent', '--no-audit', '--no-fund', MCAP_CORE],
+        subprocess.run(['npm', 'install', '--silent', '--no-audit', '--no-fund', *NODE_MODULES],
                        cwd=folder, check=True)
-        os.environ['OPENCV_TOOLS_MCAP_CORE'] = str(folder)
+        os.environ['OPENCV_TOOLS_NODE_MODULES'] = str(folder)
 
 
 def install_drake() -> None:
@@ -118,20 +119,20 @@ class Figures:
 
 
 def main() -> int:
-    """Return the exit status of pytest; 1 if a parser is missing."""
+    """Return the exit status of pytest; 1 if a program is missing."""
     os.environ['PATH'] += ':/usr/bin:/bin'  # the folders of Debian's programs
     if missing():
         install(missing())
     packages = missing()
     if packages:
-        print(f'the parsers or their tools are missing: sudo apt install {" ".join(packages)}',
+        print(f'programs of the tests are missing: sudo apt install {" ".join(packages)}',
               file=sys.stderr)
         return 1
     install_drake()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / 'poses'
         build(program)
-        install_mcap_core(Path(folder))
+        install_node_modules(Path(folder))
         os.environ['OPENCV_TOOLS_INTEROP'] = str(program)
         return pytest.main(['-q', str(SOURCE.parent), *sys.argv[1:]], plugins=[Figures()])
 

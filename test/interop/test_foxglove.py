@@ -37,7 +37,7 @@ NANO = 10**9
 
 def read(path: Path, way: str) -> list[Any]:
     """Read a bag, indexed or streaming."""
-    modules = os.environ.get('OPENCV_TOOLS_MCAP_CORE')
+    modules = os.environ.get('OPENCV_TOOLS_NODE_MODULES')
     if not modules:
         pytest.skip('npm is missing: sudo apt install npm')
     finished = subprocess.run(['node', str(SCRIPT), modules, str(path), way],

@@ -19,23 +19,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing, ExitStack, suppress
 from pathlib import Path
-import time
 from typing import Literal
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
+from opencv_tools.capture.v4l2.camera_images import camera_reader
 from opencv_tools.capture.v4l2.controls import Control
-from opencv_tools.capture.v4l2.device import DequeuedBuffer, VideoDevice
+from opencv_tools.capture.v4l2.device import VideoDevice
 from opencv_tools.capture.v4l2.modes import (
     CameraRequest, choose_mode, DEFAULT_RATE, DEFAULT_SIZE, describe_modes, Mode)
 from opencv_tools.capture.v4l2.os_errors import capture_errors, check_device
-from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS, read_pixels
-
-# Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame
-# before the end of its period and stamp it with that end; vivid does so by most of a period.
-_AHEAD_NANOSECONDS = 100_000_000
-# A driver that grants two buffers has one at a time, which is full with each frame.
-_MIN_FULL = 2
+from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS
 
 # Relative tolerance of a rate: a camera may use 30000/1001 Hz for 30 Hz.
 _RATE_TOLERANCE = 0.01
@@ -62,9 +56,6 @@ class CameraSource:
         self.name = str(device)
         self.missed = 0
         self.warnings: list[str] = []
-        self._sequence = -1
-        self._held: DequeuedBuffer | None = None  # not read yet
-        self._lent: DequeuedBuffer | None = None  # memory of the last frame
         check_device(device)
         with capture_errors(self.name), ExitStack() as stack:
             self._device = stack.enter_context(closing(VideoDevice(device)))
@@ -73,21 +64,19 @@ class CameraSource:
 
     def wait(self, seconds: float) -> bool:
         with capture_errors(self.name):
-            of_driver = self._device.buffers - bool(self._lent or self._held)
-            self._requeue()
-            if self._device.wait(seconds):
-                self._dequeue_newest(of_driver)
-        return self._held is not None
+            is_there = self._reader.wait(seconds)
+        self.missed = self._reader.missed
+        return is_there
 
     def skip(self) -> None:
         with capture_errors(self.name):
-            self._requeue()
+            self._reader.skip()
 
     def read(self) -> CapturedFrame:
-        if self._held is None:
-            raise BrokenFrameError(f'camera {self.name} has no frame yet')
-        self._lent, self._held = self._held, None
-        return self._to_frame(self._lent)
+        try:
+            return self._reader.read()
+        except BrokenFrameError as err:
+            raise BrokenFrameError(f'camera {self.name} {err}') from err
 
     def close(self) -> None:
         self._device.close()
@@ -113,10 +102,14 @@ class CameraSource:
         :raises UnavailableError: the camera rejects the value, or is disconnected.
         """
         try:
-            self._device.set_control(control, value)
+            self._device.set_control(control.number, value)
         except OSError as err:
             raise UnavailableError(f'camera {self.name} rejected {control.name} {value} '
                                    f'({err.strerror or err}): {control.remedy}') from err
+
+    def request_key_frame(self) -> None:
+        """Request a key frame of a camera that encodes video."""
+        self._reader.request_key_frame()
 
     def _start(self, request: CameraRequest) -> None:
         if not self._device.can_capture:
@@ -130,16 +123,18 @@ class CameraSource:
             raise CaptureError(
                 f'camera {self.name} offers none of the supported pixel formats '
                 f'{", ".join(PIXEL_FORMATS)}; it offers {describe_modes(modes) or "none"}')
-        self._mode, self._step = self._device.set_format(chosen)
+        self._mode, step = self._device.set_format(chosen)
         if self._mode.fourcc not in PIXEL_FORMATS:
             raise CaptureError(
                 f'camera {self.name} switched from {chosen.fourcc} to the unsupported pixel '
                 f'format {self._mode.fourcc}; set fourcc to another format')
-        self._pixel_format = PIXEL_FORMATS[self._mode.fourcc]
+        self._reader = camera_reader(
+            self._device, PIXEL_FORMATS[self._mode.fourcc], self._mode, step)
+        self.needs_every = self._reader.needs_every
         self.rate = self._device.set_rate(request.fps or DEFAULT_RATE)
         self.warnings += _changes(self.name, request, self._mode, self.rate, modes, self._device)
         self._set_controls(dict(request.controls))
-        self._device.start()
+        self._device.start(self._reader.buffers)
         self.description = f'{self._mode.fourcc} {self._mode.size} at {self.rate:g} Hz'
 
     def _set_controls(self, requested: dict[str, int]) -> None:
@@ -150,45 +145,6 @@ class CameraSource:
                 self.set_control(control, requested[control.name])
             except UnavailableError as err:
                 self.warnings.append(str(err))
-
-    def _dequeue_newest(self, of_driver: int) -> None:
-        """
-        Dequeue the newest filled buffer and requeue the older ones.
-
-        :param of_driver: number of buffers that the driver could fill.
-        """
-        filled = 0
-        while (buffer := self._device.dequeue()) is not None:
-            if self._held:
-                self._requeue()
-                self.missed += 1
-            if self._sequence >= 0:
-                self.missed += max(0, buffer.sequence - self._sequence - 1)
-            self._held, self._sequence = buffer, buffer.sequence
-            filled += 1
-        if filled >= max(of_driver, _MIN_FULL):
-            # All buffers were full, so the driver has dropped newer frames than these. This frame
-            # is old; the next one will be the newest.
-            self._requeue()
-            self.missed += 1
-
-    def _to_frame(self, buffer: DequeuedBuffer) -> CapturedFrame:
-        """Return the frame in a buffer."""
-        if buffer.broken:
-            raise BrokenFrameError(f'camera {self.name} sent a damaged frame')
-        stamp_ns, now_ns = buffer.stamp_ns, time.monotonic_ns()
-        if not stamp_ns or stamp_ns > now_ns + _AHEAD_NANOSECONDS:
-            stamp_ns = now_ns
-        image = read_pixels(self._pixel_format, self._device.image(buffer),
-                            self._mode.height, self._mode.width, self._step)
-        return CapturedFrame(image, self._pixel_format.encoding, stamp_ns)
-
-    def _requeue(self) -> None:
-        """Return the memory of the last frame and of the held one to the driver."""
-        buffer = self._lent or self._held  # never both
-        self._lent = self._held = None
-        if buffer:
-            self._device.requeue(buffer.index)
 
 
 def _changes(

@@ -27,6 +27,7 @@ import os
 from pathlib import Path
 import select
 from threading import RLock
+import time
 
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.controls import changed_controls, Control, list_controls
@@ -35,8 +36,9 @@ from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, unpack_fourcc
 from opencv_tools.capture.v4l2.videodev2 import try_ioctl
 from opencv_tools.image.text import printable
 
-# The driver fills two while one is published, one waits to be read and one is just exchanged.
-_BUFFERS = 5
+# Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame
+# before the end of its period and stamp it with that end; vivid does so by most of a period.
+_AHEAD_NANOSECONDS = 100_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +61,14 @@ class DequeuedBuffer:
     sequence: int
     stamp_ns: int
     broken: bool
+
+
+def capture_ns(buffer: DequeuedBuffer) -> int:
+    """Return the driver's time of a buffer in nanoseconds; now if it is missing or wrong."""
+    now_ns = time.monotonic_ns()
+    if not buffer.stamp_ns or buffer.stamp_ns > now_ns + _AHEAD_NANOSECONDS:
+        return now_ns
+    return buffer.stamp_ns
 
 
 class VideoDevice:
@@ -176,16 +186,21 @@ class VideoDevice:
             ioctl(fd, videodev2.VIDIOC_G_CTRL, value)
         return int(value.value)
 
-    def set_control(self, control: Control, value: int) -> None:
-        """Write the value of a control."""
+    def set_control(self, number: int, value: int) -> None:
+        """Write the value of the control with a number."""
         with self._opened() as fd:
-            ioctl(fd, videodev2.VIDIOC_S_CTRL, videodev2.v4l2_control(control.number, value))
+            ioctl(fd, videodev2.VIDIOC_S_CTRL, videodev2.v4l2_control(number, value))
 
-    def start(self) -> None:
-        """Map the buffers, queue them and start streaming; EBUSY when another program streams."""
+    def start(self, buffers: int) -> None:
+        """
+        Map the buffers, queue them and start streaming.
+
+        :param buffers: requested number of buffers.
+        :raises OSError: EBUSY when another program streams.
+        """
         with self._opened() as fd:
             request = videodev2.v4l2_requestbuffers(
-                _BUFFERS, self._type, videodev2.V4L2_MEMORY_MMAP)
+                buffers, self._type, videodev2.V4L2_MEMORY_MMAP)
             ioctl(fd, videodev2.VIDIOC_REQBUFS, request)
             for index in range(request.count):
                 buffer, plane = self._make_buffer(index)

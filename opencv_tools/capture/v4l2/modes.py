@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import itertools
 
-from opencv_tools.capture.frame import JPEG
+from opencv_tools.capture.frame import JPEG, VIDEO
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, PIXEL_FORMATS, unpack_fourcc
 from opencv_tools.capture.v4l2.videodev2 import try_ioctl
@@ -155,7 +155,8 @@ def choose_mode(
 
     Criteria in order: the requested pixel format; an encoding to which other formats cannot be
     converted; the size; the rate; the requested encoding; the order of ``PIXEL_FORMATS``. The
-    rate matters because many cameras reach their full rate at full size in one format only.
+    rate matters because many cameras reach their full rate at full size in one format only. H.264
+    is chosen if it is requested, or the only format.
 
     :param modes: modes that the camera supports.
     :param request: requested settings.
@@ -165,7 +166,8 @@ def choose_mode(
     """
     order = list(PIXEL_FORMATS)
     known = [mode for mode in modes if mode.fourcc in PIXEL_FORMATS]
-    named = [mode for mode in known if mode.fourcc == request.fourcc] or known
+    named = ([mode for mode in known if mode.fourcc == request.fourcc]
+             or [mode for mode in known if PIXEL_FORMATS[mode.fourcc].encoding != VIDEO] or known)
     nearest = [min((mode for mode in named if mode.fourcc == fourcc),
                    key=lambda mode: _size_distance(mode, request))
                for fourcc in dict.fromkeys(mode.fourcc for mode in named)]
@@ -181,7 +183,7 @@ def choose_mode(
 def _has_encoding(mode: Mode, encoding: str) -> bool:
     """Return whether the frames of a mode have the layout of an encoding."""
     sent = PIXEL_FORMATS[mode.fourcc].encoding
-    return (sent != JPEG and bool(encoding)
+    return (sent not in (JPEG, VIDEO) and bool(encoding)
             and find_encoding(sent).has_layout_of(find_encoding(encoding)))
 
 

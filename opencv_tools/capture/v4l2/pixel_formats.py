@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.errors import BrokenFrameError
-from opencv_tools.capture.frame import JPEG
+from opencv_tools.capture.frame import JPEG, VIDEO
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
@@ -45,7 +45,8 @@ class PixelFormat:
     One V4L2 pixel format.
 
     :param fourcc: four-character code without trailing blanks.
-    :param encoding: sensor_msgs/Image encoding of the arrays that ``read`` returns, or ``JPEG``.
+    :param encoding: sensor_msgs/Image encoding of the arrays that ``read`` returns, ``JPEG`` or
+        ``VIDEO``.
     :param read: function that converts a buffer to an array.
     """
 
@@ -76,7 +77,7 @@ def _read_planes(
     return cv2.cvtColor(planes, conversion)
 
 
-def _read_jpeg(data: Buffer, _height: int, _width: int, _step: int) -> NDArray[Any]:
+def _read_bytes(data: Buffer, _height: int, _width: int, _step: int) -> NDArray[Any]:
     return np.frombuffer(bytes(data), np.uint8)  # small, and read more than once
 
 
@@ -91,13 +92,14 @@ PIXEL_FORMATS = {known.fourcc: known for known in (
     _raw('NV12', 'nv12'), _raw('NV21', 'nv21'), _raw('NV24', 'nv24'),
     PixelFormat('YU12', 'bgr8', partial(_read_planes, cv2.COLOR_YUV2BGR_I420)),
     PixelFormat('YV12', 'bgr8', partial(_read_planes, cv2.COLOR_YUV2BGR_YV12)),
-    PixelFormat('MJPG', JPEG, _read_jpeg), PixelFormat('JPEG', JPEG, _read_jpeg),
+    PixelFormat('MJPG', JPEG, _read_bytes), PixelFormat('JPEG', JPEG, _read_bytes),
     _raw('RGGB', 'bayer_rggb8'), _raw('BA81', 'bayer_bggr8'),
     _raw('GBRG', 'bayer_gbrg8'), _raw('GRBG', 'bayer_grbg8'),
     _raw('RG16', 'bayer_rggb16'), _raw('BYR2', 'bayer_bggr16'),
     _raw('GB16', 'bayer_gbrg16'), _raw('GR16', 'bayer_grbg16'),
     _raw('GREY', 'mono8'), _raw('Y16', 'mono16'), _raw('Y12', 'mono16'), _raw('Y10', 'mono16'),
     _raw('Z16', '16UC1'),
+    PixelFormat('H264', VIDEO, _read_bytes),
 )}
 
 
@@ -136,9 +138,9 @@ def read_pixels(
     :param height: height of the image in pixels.
     :param width: width of the image in pixels.
     :param step: bytes from the start of one line to the start of the next.
-    :returns: array with the encoding of the format: for ``JPEG`` a copy of the bytes, (n,) uint8;
-        a converted copy for YU12 and YV12; otherwise a view of the data, copied only where
-        padding splits the chroma.
+    :returns: array with the encoding of the format: for ``JPEG`` and ``VIDEO`` a copy of the
+        bytes, (n,) uint8; a converted copy for YU12 and YV12; otherwise a view of the data, copied
+        only where padding splits the chroma.
     :raises BrokenFrameError: the data are shorter than an image.
     """
     try:

@@ -249,7 +249,7 @@ def test_two_topics_and_none_chosen(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(CaptureError) as failure:
         open_source(str(folder))
     assert str(failure.value) == (
-        f'{folder} has 3 topics of images; set bag_topic, or --topic of img_convert, to one of '
+        f'{folder} has 3 topics of images; set bag_topic, or --topic of the command, to one of '
         '/camera/image_raw (sensor_msgs/msg/Image, 1 messages), '
         '/camera/image_raw/compressed (sensor_msgs/msg/CompressedImage, 1 messages), '
         '/depth (sensor_msgs/msg/Image, 1 messages)')

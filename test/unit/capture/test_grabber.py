@@ -40,6 +40,7 @@ class Camera:
     rate = float(RATE)
     live = True
     missed = 0
+    needs_every = False
 
     def __init__(self, clock: SteppedClock) -> None:
         self._clock = clock

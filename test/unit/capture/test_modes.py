@@ -67,7 +67,7 @@ def test_size_counts_more_than_a_convertible_encoding(encoding: str, chosen: str
 
 
 def test_camera_with_unknown_formats_has_no_mode() -> None:
-    modes = [Mode('H264', 640, 480), Mode('Y16-BE', 640, 480)]
+    modes = [Mode('HEVC', 640, 480), Mode('Y16-BE', 640, 480)]
     assert choose_mode(modes, CameraRequest(), lambda _: []) is None
     assert choose_mode([], CameraRequest(), lambda _: []) is None
 

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 from queue import SimpleQueue
 from threading import Thread
@@ -23,7 +24,7 @@ from threading import Thread
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.stream import StreamSource
+from opencv_tools.capture.stream import OpenCvStream, StreamSource
 import pytest
 
 DEADLINE = 30.0
@@ -51,17 +52,17 @@ class Capture:
 
 
 class CheckedSource(StreamSource):
-    """A stream that checks that its newest frame is accessed only with the lock held."""
+    """A stream that checks that its frames are accessed only with the lock held."""
 
     @property
-    def _newest(self) -> CapturedFrame | None:
+    def _waiting(self) -> deque[CapturedFrame]:
         assert self._changed._is_owned(), 'read without the lock'
         return self._checked
 
-    @_newest.setter
-    def _newest(self, frame: CapturedFrame | None) -> None:
-        assert self._is_being_made() or self._changed._is_owned(), 'written without the lock'
-        self._checked = frame
+    @_waiting.setter
+    def _waiting(self, frames: deque[CapturedFrame]) -> None:
+        assert self._is_being_made(), 'written without the lock'
+        self._checked = frames
 
     @property
     def _ended(self) -> bool:
@@ -87,7 +88,7 @@ def capture() -> Iterator[Capture]:
 
 @pytest.fixture
 def source(capture: Capture) -> StreamSource:
-    return CheckedSource('rtsp://camera', capture)
+    return CheckedSource('rtsp://camera', OpenCvStream(capture))
 
 
 def send(capture: Capture, *numbers: int | None) -> None:
@@ -142,7 +143,7 @@ def test_last_frame_is_read_before_the_end_is_reported(
 
 def test_running_stream_can_be_closed_twice(capture: Capture) -> None:
     capture.endless = True
-    source = CheckedSource('rtsp://camera', capture)
+    source = CheckedSource('rtsp://camera', OpenCvStream(capture))
     assert source.wait(DEADLINE)
     closing = Thread(target=lambda: (source.close(), source.close()), daemon=True)
     closing.start()

@@ -149,13 +149,13 @@ def test_replacement_without_change_of_the_old_inode(file: Path) -> None:
 
 
 @pytest.mark.parametrize(('kind', 'reason'), [
-    ('text', 'the existing file is not a calibration; remove it, or give another URL'),
-    ('empty', 'the existing file is not a calibration; remove it, or give another URL'),
+    ('text', 'the existing file is not a calibration; remove it, or give another path'),
+    ('empty', 'the existing file is not a calibration; remove it, or give another path'),
     ('link', 'camera.yaml is a symbolic link, not a regular file; remove it'),
     ('dangling', 'camera.yaml is a symbolic link, not a regular file; remove it'),
     ('fifo', 'camera.yaml is a named pipe, not a regular file; remove it'),
-    ('no folder', 'No such file or directory; make its folder, or give another URL'),
-    ('outside', 'No such file or directory; make its folder, or give another URL')])
+    ('no folder', 'No such file or directory; make its folder, or give another path'),
+    ('outside', 'No such file or directory; make its folder, or give another path')])
 def test_unreplaceable_files(file: Path, kind: str, reason: str) -> None:
     info = read_camera_info(file)
     other = file.rename(file.with_name('other.yaml'))

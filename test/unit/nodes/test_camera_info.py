@@ -170,9 +170,49 @@ def test_saving_to_a_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fi
     info.k[0] = 1.0  # the message of the client
     assert calibration.message(Header(), 640, 480) == read_camera_info(file)
     with pytest.raises(CameraInfoError, match='image_width'):
-        calibration.save(CameraInfo())
+        calibration.save(CameraInfo(k=info.k, r=info.r, p=info.p))
     assert calibration.message(Header(), 640, 480) == read_camera_info(Path(path))
     assert read_camera_info(Path(path)).k[0] == 602.31847
+
+
+@pytest.mark.parametrize(('field', 'value', 'reason'), [
+    ('k', [0.0] * 9, 'the camera_info has no calibration, because its K is zero'),
+    ('k', [-9.0, 0.0, 4.0, 0.0, 9.0, 4.0, 0.0, 0.0, 1.0], 'has the focal lengths -9 and 9'),
+    ('k', [float('nan'), *[0.0] * 8], 'K of the camera_info has the value nan'),
+    ('p', [0.0] * 12, 'P of the camera_info has the focal lengths 0 and 0'),
+    ('p', [float('-inf'), *[0.0] * 11], 'P of the camera_info has the value -inf'),
+    ('r', [0.0] * 9, 'P and R of the camera_info cannot be inverted'),
+    ('d', [0.1, float('nan'), 0.0, 0.0, 0.0], 'D of the camera_info has the value nan'),
+    ('d', [0.1, float('inf'), 0.0, 0.0, 0.0], 'D of the camera_info has the value inf'),
+    ('d', [0.1] * 3, 'D of the camera_info has 3 coefficients'),
+    ('d', [0.0] * 3, 'D of the camera_info has 3 coefficients'),
+    ('d', [0.0] * 10_000, 'D of the camera_info has 10000 coefficients'),
+    ('distortion_model', 'fisheye9', "the distortion model 'fisheye9' of the camera_info is"),
+    ('distortion_model', '', "the distortion model '' of the camera_info is unknown")])
+@pytest.mark.parametrize('rotate', [0, 90])
+def test_unusable_calibrations_are_not_saved(
+        file: Path, field: str, value: str | list[float], reason: str, rotate: int) -> None:
+    calibration = Calibration(str(file), 'left', lambda _: None)
+    info = read_camera_info(file)
+    setattr(info, field, value)
+    with pytest.raises(CameraInfoError) as caught:
+        calibration.save(info, rotate=rotate)
+    assert reason in str(caught.value) and '\n' not in str(caught.value)
+    assert file.read_text() == CALIBRATION
+    assert calibration.message(Header(), 640, 480) == read_camera_info(file)
+
+
+@pytest.mark.parametrize(('model', 'coefficients'), [
+    ('', []), ('plumb_bob', []), ('plumb_bob', [0.0] * 5), ('equidistant', [0.1] * 4),
+    ('rational_polynomial', [0.1] * 8), ('rational_polynomial', [0.0] * 14)])
+def test_saved_distortion_models(file: Path, model: str, coefficients: list[float]) -> None:
+    calibration = Calibration(str(file), 'left', lambda _: None)
+    info = read_camera_info(file)
+    info.distortion_model, info.d = model, coefficients
+    info.roi = RegionOfInterest(x_offset=10, y_offset=10, width=50, height=60)
+    info.binning_x = info.binning_y = 2
+    calibration.save(info)
+    assert read_camera_info(file) == info
 
 
 def test_file_after_a_change_of_ros_home(
@@ -203,8 +243,10 @@ def test_consistent_messages_during_saving(tmp_path: Path) -> None:
         number = 0.0
         while not is_done.is_set():
             number += 1.0
-            calibration.save(CameraInfo(width=4, height=3, d=[number] * 5,
-                                        k=np.full(9, number), p=np.full(12, number)))
+            calibration.save(CameraInfo(
+                width=4, height=3, distortion_model='plumb_bob', d=[number] * 5,
+                r=np.eye(3).ravel(), k=number * np.eye(3).ravel(),
+                p=number * np.eye(3, 4).ravel()))
 
     saving = Thread(target=_save)
     saving.start()
@@ -213,7 +255,7 @@ def test_consistent_messages_during_saving(tmp_path: Path) -> None:
         while changes < 20:
             assert time.monotonic() < deadline
             message = calibration.message(Header(), 4, 3)
-            (number,) = {*message.k, *message.p, *message.d}
+            (number,) = {*message.k[::4], *message.p[::5], *message.d}
             assert number >= last
             changes += number > last
             last = number

@@ -16,26 +16,31 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
 from builtin_interfaces.msg import Time
+from calibrations import CALIBRATION
 from conftest import spin_until
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.frames import Frame, FrameSubscriber
+from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS
 from opencv_tools.nodes.publisher import backlog
 from opencv_tools.nodes.publisher.camera_info import Calibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
+from opencv_tools.rectification import Rectifier
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
 from opencv_tools.transport.shared_frames import writer
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 import pytest
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 from sharing import picture, TOPIC, Viewer
+from std_msgs.msg import Header
 
 
 def test_delay_after_the_last_awaited_subscriber(
@@ -194,5 +199,73 @@ def test_conversion_writes_where_subscribers_read(
         assert np.array_equal(frame.raw, {
             'bgr8': colours[::-1, :, ::-1], 'rgb8': colours}[frame.raw_encoding])
     assert {frame.raw_encoding for frame in frames[-10:]} == {'bgr8', 'rgb8'}
+    subscriber.destroy()
+    topics.close()
+
+
+def test_nothing_is_rectified_without_subscribers(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    calls: list[str] = []
+    rectify = Rectifier.rectify
+    monkeypatch.setattr(Rectifier, 'rectify', lambda *arguments: (
+        calls.append('rectify') or rectify(*arguments)))
+    (tmp_path / 'eye.yaml').write_text(CALIBRATION)
+    topics = ImageTopics(camera, TOPIC, Calibration(f'{tmp_path}/eye.yaml', 'eye', print),
+                         NOT_CONFIGURED, 0)
+    topics.rectify(True)
+    assert not topics.has_subscribers()
+
+    def publish() -> bool:
+        frame = CapturedFrame(picture(1, 'bgr8', 480, 640), 'bgr8')
+        return topics.publish(OutputImage(frame, OutputSettings()), Time(), 'eye', is_live=True)
+
+    assert not publish()
+    images: list[Image] = []
+    node.create_subscription(Image, TOPIC, images.append, 10)
+    spin_until(node, lambda: publish() and len(images) > 3)
+    infos: list[CameraInfo] = []
+    node.create_subscription(CameraInfo, '/image_rect/camera_info', infos.append, 10)
+    spin_until(node, lambda: publish() and len(infos) > 3)
+    assert not calls
+    rectified: list[Image] = []
+    subscription = node.create_subscription(Image, '/image_rect', rectified.append, 10)
+    spin_until(node, lambda: publish() and len(rectified) > 3)
+    assert rectified[0].data != images[0].data
+    node.destroy_subscription(subscription)
+    spin_until(node, lambda: not topics._all[1].frames.has_subscribers)
+    count = len(calls)
+    assert publish() and len(calls) == count > 3
+    topics.rectify(False)
+    assert not node.get_publishers_info_by_topic('/image_rect') or publish()
+    topics.close()
+
+
+def test_rectified_pixels_are_written_where_subscribers_read(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / 'eye.yaml').write_text(CALIBRATION)
+    calibration = Calibration(f'{tmp_path}/eye.yaml', 'eye', print)
+    topics = ImageTopics(camera, TOPIC, calibration, NOT_CONFIGURED, 0)
+    topics.rectify(True)
+    slots: list[object] = []
+    shared = topics._all[1].frames.shared
+    share = shared.publish
+    monkeypatch.setattr(shared, 'publish', lambda image, **options: (
+        slots.append(options['slot']) or share(image, **options)))
+    frames: list[Frame] = []
+    subscriber = FrameSubscriber(node, '/image_rect', frames.append, every=True)
+    raw = picture(1, 'rgb8', 480, 640)
+
+    def publish() -> bool:
+        if len(frames) == len(slots):
+            topics.publish(OutputImage(CapturedFrame(raw, 'rgb8'), OutputSettings('bgr8')), Time(),
+                           'eye', is_live=True)
+        return len(frames) > 20 and slots[-1] is not None
+
+    spin_until(node, publish)
+    spin_until(node, lambda: len(frames) == len(slots))
+    expected, _ = Rectifier().rectify(
+        raw[..., ::-1], find_encoding('bgr8'), calibration.message(Header(), 640, 480))
+    for frame in frames[-10:]:
+        assert np.array_equal(frame.raw, expected)
     subscriber.destroy()
     topics.close()

@@ -27,6 +27,7 @@ from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.loop import PublishLoop
 from opencv_tools.nodes.publisher.parameters import PARAMETERS, PublisherSettings
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
+from opencv_tools.topics.errors import ParameterError
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
 from played_bags import Entry, image_entry, write_mcap
 import pytest
@@ -70,6 +71,20 @@ def test_changed_settings(node: Node) -> None:
     assert (loop.settings.rotate, loop.settings.publish_rate) == (90, 5.0)
     assert loop.settings.source == 'pattern'
     assert before == PublisherSettings(source='pattern')
+
+
+@pytest.mark.parametrize(('changes', 'reason'), [
+    ({'video_preset': 'p3'}, "parameter video_preset is 'p3': give ultrafast"),
+    ({'video_bit_rate': 5}, 'parameter video_bit_rate is 5: give 10000 to'),
+    ({'video_codec': 'foo'}, "parameter video_codec is 'foo': the installed PyAV has no such"),
+    ({'video_codec': 'libx265', 'video_preset': 'p3'}, "parameter video_preset is 'p3'")])
+def test_changes_that_the_video_cannot_have(
+        node: Node, changes: dict[str, Any], reason: str) -> None:
+    loop = create_loop(node, source='pattern')
+    with pytest.raises(ParameterError, match=reason):
+        loop.check_changes(changes)
+    loop.check_changes({'video_codec': 'libx265', 'video_preset': 'faster'})
+    assert loop.settings == PublisherSettings(source='pattern')
 
 
 def test_pause_without_an_open_source(node: Node) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import math
+from typing import Any
 
 from opencv_tools.nodes.declaration import (
     declare_parameters, UnknownParameterError, watch_parameters)
@@ -51,6 +52,7 @@ VALUES = {
         'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
         'height': (0, 65536), 'fps': (0.0, 1000.0), 'fourcc': str,
         'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
+        'rectify': {False, True},
         'jpeg_quality': (1, 100), 'video_codec': str, 'video_quality': (0, 51),
         'video_bit_rate': (0, BILLION), 'video_key_interval': (0.1, 3600.0), 'video_preset': str,
         'stamp': {'capture', 'publish', 'original'},
@@ -156,6 +158,11 @@ def test_unknown_parameter_beside_one_that_ends_the_node(
     declare_given(context, ENDING, **{name: value}).destroy_node()
 
 
+def check_together(changes: dict[str, Any]) -> None:
+    if changes.get('count') == 5 and changes.get('turn') == 90:
+        raise ParameterError('five turns are too many')
+
+
 @pytest.fixture
 def described(domain: int) -> Node:
     """Create a node with the parameters of the table, some of them set."""
@@ -165,7 +172,7 @@ def described(domain: int) -> Node:
     node = Node('described', context=context,
                 automatically_declare_parameters_from_overrides=True)
     node.values = declare_parameters(node, TABLE)
-    watch_parameters(node, TABLE, node.values.update)
+    watch_parameters(node, TABLE, node.values.update, check_together=check_together)
     yield node
     node.destroy_node()
     rclpy.shutdown(context=context)
@@ -233,6 +240,16 @@ def test_refused_changes_at_run_time(
     assert not result.successful
     assert reason in result.reason
     assert described.values == before
+
+
+def test_changes_that_do_not_suit_each_other(described: Node) -> None:
+    before = dict(described.values)
+    changes = [rclpy.Parameter('count', value=5), rclpy.Parameter('turn', value=90)]
+    result = described.set_parameters_atomically(changes)
+    assert not result.successful and result.reason == 'five turns are too many'
+    assert described.values == before
+    assert described.set_parameters_atomically(changes[1:]).successful
+    assert described.values == {**before, 'turn': 90}
 
 
 def test_atomic_changes(described: Node) -> None:

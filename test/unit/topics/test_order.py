@@ -33,6 +33,7 @@ PUBLISHER = bytes(range(16))
     (10.0, [(3, 10.2), (4, 10.3)], 2, True),
     (10.0, [(3, 10.2), (6, 10.5)], 4, True),
     (10.0, [(3, 10.2)], 0, False),  # its rate is unknown
+    (10.0, [(1000, 10.2), (1001, 10.2001), (1002, 10.3), (1003, 10.4)], 0, False),
     (10.0, [(1000, 10.2), (1001, 10.3), (1003, 10.5)], 1, False),  # it started before
     (0.1, [(3, 0.3), (4, 0.4)], 0, False),  # it may have started before
     (None, [(3, 0.3), (4, 0.4), (6, 0.6)], 1, False)])
@@ -156,6 +157,17 @@ def test_subscription_beside_frames_that_others_share() -> None:
     assert order.count == 1
 
 
+def test_announcements_that_are_read_after_the_first_message() -> None:
+    order = FrameOrder()
+    assert order.accepts(PUBLISHER, Position(1), 0)
+    order.learn(PUBLISHER, 0, 13)  # of some time ago
+    order.learn(PUBLISHER, 0, 14)  # right before the message
+    order.change(PUBLISHER, Way.JOINING)
+    assert order.accepts(PUBLISHER, Position(2, 16), 0)
+    assert order.accepts(PUBLISHER, Position(2, 17, False), 0)
+    assert (order.count, order.is_complete) == (0, False)
+
+
 def test_many_publishers() -> None:
     order = FrameOrder()
     for number in range(1000):
@@ -180,16 +192,36 @@ class Topic:
         self._is_open = False
         self._memory: deque[tuple[Position, int]] = deque()
         self._topic: deque[tuple[Position, int]] = deque()
+        self._announced = 0  # frames that were only shared
+        self._announcements: deque[tuple[int, int]] = deque()
 
     def publish(self) -> None:
         """Publish a frame in the ways that have subscribers, by shared memory first."""
         is_message = self._is_subscribed or self._has_others
+        if is_message and self.frames - self._messages != self._announced:
+            self.announce()
         self.frames += 1
         self._messages += is_message
         if self._is_open:
             self._memory.append((Position(self._messages, self.frames, is_message), self.frames))
         if self._is_subscribed:
             self._topic.append((Position(self._messages), self.frames))
+
+    def announce(self) -> None:
+        """Announce the number of frames until now, as before a message."""
+        self._announced = self.frames - self._messages
+        self._announcements.append((self._messages, self.frames))
+
+    def learn(self) -> None:
+        """Read an announcement."""
+        if self._announcements:
+            self.order.learn(PUBLISHER, *self._announcements.popleft())
+
+    def share_with_others(self, *, is_announced: bool) -> None:
+        """Publish a frame before the subscription."""
+        self.frames += 1
+        if is_announced:
+            self.announce()
 
     def lose(self) -> None:
         """Publish a frame that finds no room in the shared memory."""
@@ -242,6 +274,8 @@ class Topic:
 
     def end(self) -> None:
         """Receive all, and learn how many frames were published."""
+        while self._announcements:
+            self.learn()
         self.order.learn(PUBLISHER, self._messages, self.frames)
         while self._memory or self._topic:
             self.receive_shared()
@@ -263,17 +297,20 @@ class Topic:
 
 
 ACTIONS = (*['publish'] * 6, *['receive_message'] * 4, *['receive_shared'] * 4, 'join', 'lose',
-           'stop_joining', 'leave', 'fail', 'others')
+           'stop_joining', 'leave', 'fail', 'others', 'announce', 'learn')
 
 
 @settings(max_examples=400, deadline=None)
-@given(strategies.lists(strategies.sampled_from(ACTIONS), max_size=150))
-def test_changes_between_topic_and_memory(actions: list[str]) -> None:
+@given(strategies.lists(strategies.booleans(), max_size=4),
+       strategies.lists(strategies.sampled_from(ACTIONS), max_size=150))
+def test_changes_between_topic_and_memory(earlier: list[bool], actions: list[str]) -> None:
     topic = Topic()
+    for is_announced in earlier:
+        topic.share_with_others(is_announced=is_announced)
     for action in actions:
         getattr(topic, action)()
     topic.end()
-    if not {'lose', 'stop_joining', 'fail', 'others'} & {*actions}:
+    if not (earlier or {'lose', 'stop_joining', 'fail', 'others'} & {*actions}):
         assert topic.order.count == 0
     assert topic.passed == sorted(set(topic.passed))  # in order, none twice
     if topic.passed:

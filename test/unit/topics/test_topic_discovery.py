@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from conftest import spin_until
 from opencv_tools.topics.topic_discovery import TopicDiscovery
+from opencv_tools.transport.message_type import message_type
+from opencv_tools.video.messages import FFMPEG_PACKET
 import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -61,8 +63,8 @@ BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 def test_explanation_with_a_remedy(
         node: Node, camera: Node, domain: int, transport: str, published: dict[str, type],
         sentence: str) -> None:
-    for topic, message_type in published.items():
-        camera.create_publisher(message_type, topic, RELIABLE)
+    for topic, published_type in published.items():
+        camera.create_publisher(published_type, topic, RELIABLE)
     discovery = TopicDiscovery(node, 'video_frames', transport)
     spin_until(node, lambda: all(map(node.count_publishers, published)) and (
         '_NODE_NAME_UNKNOWN_' not in {
@@ -70,6 +72,16 @@ def test_explanation_with_a_remedy(
             for info in node.get_publishers_info_by_topic(topic)}))
     assert sentence.format(domain=domain) in discovery.explain_no_frames(
         discovery.allowed[0], RELIABLE)
+
+
+def test_explanation_of_a_video_topic_without_frames(node: Node, camera: Node) -> None:
+    topic = f'{TOPIC}/ffmpeg'
+    camera.create_publisher(message_type(FFMPEG_PACKET), topic, RELIABLE)
+    discovery = TopicDiscovery(node, 'video_frames', 'video')
+    spin_until(node, lambda: node.count_publishers(topic) == 1)
+    assert discovery.explain_no_frames(discovery.allowed[0], RELIABLE).endswith(
+        'images with 16 bits or floating-point numbers have no video: set transport:=raw to '
+        'receive them')
 
 
 def test_order_of_transports(node: Node) -> None:

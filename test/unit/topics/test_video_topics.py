@@ -23,18 +23,23 @@ from conftest import spin_until
 import numpy as np
 from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
 from opencv_tools.image.cdr import WireHeader
-from opencv_tools.image.errors import CdrError
+from opencv_tools.image.errors import CdrError, KeyFrameNeeded
+from opencv_tools.message_types.codec import MessageCodec
+from opencv_tools.message_types.definition import read_definition
 from opencv_tools.topics.video_decoding import VideoDecoding
 from opencv_tools.topics.video_topics import VideoTopics
-from opencv_tools.transport.message_type import message_type
+from opencv_tools.video import stream
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import (
     cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, video_to_cdr, VIDEO_TOPICS, WireVideo)
+from opencv_tools.video.numbered_decoder import NumberedDecoder
 from opencv_tools.video.packet import VideoPacket
+from opencv_tools.video.parameter_sets import parameter_sets
 from opencv_tools.video.settings import VideoSettings
 import pytest
 from rclpy.node import Node
 from std_msgs.msg import Header
+from video_receiver import Receiver
 
 Subscribe = Callable[..., tuple[FrameSubscriber, list[Frame]]]
 TYPES = [*VIDEO_TOPICS]
@@ -48,16 +53,6 @@ def flat(number: int, height: int = 32, width: int = 48) -> np.ndarray:
 
 def number_of(image: np.ndarray) -> int:
     return round(float(image.mean()) / 5)
-
-
-class Receiver:
-    """Keep the messages of a video topic as they are."""
-
-    def __init__(self, node: Node, type_name: str, topic: str = 'video') -> None:
-        self.messages: list[WireVideo] = []
-        node.create_subscription(
-            message_type(type_name), f'{topic}/{VIDEO_TOPICS[type_name]}',
-            lambda data: self.messages.append(cdr_to_video(type_name, data)), 100, raw=True)
 
 
 class Sender:
@@ -76,6 +71,30 @@ class Sender:
 
     def send_until(self, condition: Callable[[], object]) -> None:
         spin_until(self.node, lambda: self.send() is None or bool(condition()))
+
+
+def test_second_key_frame_for_a_new_subscriber(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0  # steps of 1/8 s are exact
+    monkeypatch.setattr(stream.time, 'monotonic', lambda: now)
+    video = stream.VideoStream(SLOW_KEYS)
+    keys = []
+    for step in range(40):
+        video.requests = step >= 15
+        keys += [step] * video.encode(flat(step), 'bgr8', step * 10 ** 8).is_key
+        now += 0.125
+    assert keys == [0, 15, 23]
+
+
+def test_decoder_keeps_parameter_sets_after_a_loss() -> None:
+    encoder = VideoEncoder(VideoSettings(key_interval=0.35), 48, 32, 30)
+    sent = [encoder.encode(flat(number), 'bgr8', number * 10 ** 8).data for number in range(12)]
+    bare = [sent[0], *(data.removeprefix(parameter_sets('h264', data)) for data in sent[1:])]
+    decoder, shown = NumberedDecoder(), []
+    for number, data in enumerate(bare):
+        if number != 2:
+            with suppress(KeyFrameNeeded):
+                shown.append(number_of(decoder.decode('h264', data, number + 1)))
+    assert shown == [0, 1, *range(4, 12)]
 
 
 @pytest.fixture
@@ -118,6 +137,15 @@ def test_pictures_of_each_codec(type_name: str, codec: str) -> None:
         assert number_of(np.frombuffer(image.data, np.uint8)) == number
 
 
+def test_numbers_of_published_packets(node: Node) -> None:
+    sender, receiver = Sender(node), Receiver(node, FFMPEG_PACKET)
+    sender.send_until(lambda: len(receiver.messages) > 3)
+    codec = MessageCodec(read_definition(FFMPEG_PACKET))
+    numbers = [codec.read(message.serialized)['pts'] for message in receiver.messages]
+    assert numbers == [*range(numbers[0], numbers[0] + len(numbers))]
+    sender.topics.destroy()
+
+
 def test_lost_message_costs_those_until_the_next_key_frame() -> None:
     decoding = VideoDecoding(1 << 20)
     sent = [message(packet) for packet in packets(7)]
@@ -138,10 +166,19 @@ def test_pictures_above_the_maximum_are_refused() -> None:
 
 
 def test_decoders_of_few_publishers_are_kept() -> None:
-    decoding = VideoDecoding(1 << 20)
-    for number in range(100):
-        assert decoding.decode(message(packets(1)[0]), bytes([number]), 1)
-    assert len(decoding._streams) == 4
+    now = 100.0
+    decoding, sent = VideoDecoding(1 << 20, lambda: now), [message(one) for one in packets(3)]
+    names = [bytes((number,)) for number in range(9)]
+    for name in names[:8]:
+        assert not isinstance(decoding.decode(sent[0], name, 1), CdrError)
+    found = decoding.decode(sent[0], names[8], 1)
+    assert 'more than 8 publishers send video on one topic' in str(found)
+    now += 1.5
+    for name in names[1:8]:
+        assert not isinstance(decoding.decode(sent[1], name, 2), CdrError | None)
+    now += 1.0  # the first one is silent
+    assert not isinstance(decoding.decode(sent[0], names[8], 2), CdrError | None)
+    assert isinstance(decoding.decode(sent[1], names[0], 2), CdrError)
 
 
 def test_both_topics_have_the_same_packets(node: Node) -> None:
@@ -247,6 +284,21 @@ def test_damaged_video_is_counted_and_the_next_is_received(
     sender.send_until(lambda: len(frames) > count + 3)
     assert 'bad' not in {frame.frame_id for frame in frames}
     assert subscriber.failed <= 1
+
+
+def test_packets_without_a_key_frame_are_lost(node: Node, subscribe: Subscribe) -> None:
+    sender = Sender(node)
+    subscriber, frames = subscribe()
+    publisher = sender.topics.publishers[FFMPEG_PACKET]
+    spin_until(node, publisher.get_subscription_count)
+    for number, packet in enumerate(packets(4)[1:], 1):
+        publisher.publish(video_to_cdr(FFMPEG_PACKET, WireHeader(number, 0, ''), packet, number))
+    spin_until(node, lambda: subscriber.skipped == 3)
+    reason = subscriber._subscription.explain_no_frames()
+    assert 'has video, but no key frame with parameter sets' in reason
+    publisher.publish(video_to_cdr(FFMPEG_PACKET, WireHeader(9, 0, ''), packets(1)[0], 9))
+    spin_until(node, lambda: frames)
+    assert (subscriber.skipped, subscriber.failed, len(frames)) == (3, 0, 1)
 
 
 def test_codec_that_is_not_known() -> None:

@@ -27,6 +27,7 @@ from conftest import PRINT_PEAK_MEMORY
 from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
+from opencv_tools.video import decoder as decoder_module
 from opencv_tools.video.bit_stream import obu
 from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.packet import CODECS
@@ -137,8 +138,28 @@ def test_huge_picture_takes_no_memory() -> None:
                               text=True, timeout=60, check=True)
     error, peak = finished.stdout.splitlines()
     assert error == ('a h264 packet is too large: 16384x16384 pixels are more than '
-                     'max_pixels=67108864')
+                     'max_pixels=35651584')
     assert int(peak) < 250_000
+
+
+def test_picture_of_another_size_is_not_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
+    decoder = VideoDecoder('h264')
+    monkeypatch.setattr(decoder, '_decode', lambda data: pytest.fail('it was decoded'))
+    with pytest.raises(VideoError, match='160x120 pixels, but 80x60 are announced'):
+        decoder.decode(packets('h264')[0].data, (80, 60))
+
+
+def test_sizes_after_the_picture_are_checked() -> None:
+    data = packets('h264')[0].data + HUGE_SPS
+    with pytest.raises(VideoError, match='16384x16384 pixels are more than'):
+        VideoDecoder('h264').decode(data)
+
+
+def test_damaged_picture_is_not_converted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decoder_module, 'to_bgr', lambda frame: pytest.fail('it was converted'))
+    data = packets('h264')[0].data
+    with pytest.raises(VideoError, match='bytes of h264 are damaged'):
+        VideoDecoder('h264').decode(data[:-len(data) // 4])
 
 
 def test_many_frames_of_av1_are_refused() -> None:
@@ -152,6 +173,20 @@ def test_many_frames_of_av1_are_refused() -> None:
 def test_random_bytes(codec: str, data: bytes) -> None:
     with pytest.raises(VideoError):
         VideoDecoder(codec).decode(data)
+
+
+@every_codec
+def test_errors_of_ffmpeg_without_their_numbers(codec: str) -> None:
+    data, errors = next(iter(packets(codec))).data, []
+    for place in range(80):
+        damaged = bytearray(data)
+        damaged[place] ^= 0xff
+        try:
+            VideoDecoder(codec).decode(bytes(damaged))
+        except VideoError as err:
+            errors.append(str(err))
+    assert any('cannot be decoded: Invalid data found' in error for error in errors)
+    assert not [error for error in errors if 'Errno' in error]
 
 
 @every_codec
@@ -228,7 +263,10 @@ def test_frame_with_invalid_colours_is_refused() -> None:
     encoder.framerate, encoder.options = 30, {
         'tune': 'zerolatency', 'colorspace': 'ycgco', 'color_trc': 'smpte2084'}
     encoder.time_base = 1 / encoder.framerate
-    packet, = encoder.encode(av.VideoFrame(64, 64, 'yuv420p10le'))
+    frame = av.VideoFrame(64, 64, 'yuv420p10le')
+    for plane in frame.planes:  # x264 crashes at samples of more than 10 bits in new memory
+        plane.update(bytes(plane.buffer_size))
+    packet, = encoder.encode(frame)
     try:
         assert VideoDecoder('h264').decode(bytes(packet)).shape == (64, 64, 3)
     except VideoError as err:

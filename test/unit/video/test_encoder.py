@@ -171,9 +171,18 @@ def test_small_bit_rate_makes_small_packets(codec: str) -> None:
     assert total[200_000] < total[2_000_000] / 2
 
 
+@every_codec
+def test_bits_of_each_second(codec: str) -> None:
+    rng = np.random.default_rng(2)
+    encoder = VideoEncoder(VideoSettings(codec=codec, bit_rate=500_000), 160, 120, 30)
+    bits = [8 * len(encoder.encode(image, 'bgr8', number * PERIOD_NS).data)
+            for number, image in enumerate(rng.integers(0, 256, (75, 120, 160, 3), np.uint8))]
+    assert max(sum(bits[begin:begin + 30]) for begin in range(45)) < 2.2 * 500_000
+
+
 @pytest.mark.parametrize(('settings', 'size', 'text'), [
-    (VideoSettings(codec='mjpeg'), (64, 48), "'mjpeg' is an encoder for other videos"),
-    (VideoSettings(codec='h264_nothing'), (64, 48), "has no encoder 'h264_nothing'"),
+    (VideoSettings(codec='mjpeg'), (64, 48), "'mjpeg', an encoder for other videos"),
+    (VideoSettings(codec='h264_nothing'), (64, 48), "'h264_nothing': the installed PyAV has no"),
     (VideoSettings(), (0, 48), 'a 0x48 image has no video'),
     (VideoSettings(), (64, 20000), 'a 64x20000 image has no video'),
     (VideoSettings(codec='h265'), (2, 2), "'libx265' cannot be opened for 2x2 images"),

@@ -161,6 +161,20 @@ def test_packets_of_containers(codec: str, container: str) -> None:
     assert read_extradata(codec, sent[0].data) == (parameter_sets(codec, sent[0].data), 0)
 
 
+@pytest.mark.parametrize('length_size', [1, 2, 4])
+def test_lengths_of_packets(length_size: int) -> None:
+    units = [unit for unit in nal_units(packets('h264')[0].data) if unit[0] & 31 in (7, 8)]
+    prefixed = [len(unit).to_bytes(2, 'big') + unit for unit in units]
+    avcc = (b'\1' + units[0][1:4] + bytes((0xfc | length_size - 1, 0xe1)) + prefixed[0]
+            + b'\1' + prefixed[1])
+    sets, found = read_extradata('h264', avcc)
+    assert (sets, found) == (b''.join(START_CODE + unit for unit in units), length_size)
+    small = [b'\x09\xf0', b'\x41' + bytes(range(1, 200))]
+    data = b''.join(len(unit).to_bytes(length_size, 'big') + unit for unit in small)
+    assert length_prefixed_to_annexb(data, found) == b''.join(
+        START_CODE + unit for unit in small)
+
+
 def test_bits_and_codes() -> None:
     reader = BitReader(bytes((0b1_010_011_0, 0b0100_0010, 0b1_0000000)))
     assert [reader.unsigned() for _ in range(4)] == [0, 1, 2, 3]
