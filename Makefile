@@ -7,7 +7,7 @@
 # make test-browser  test the page of the viewer in a Chromium; needs root
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
-# make test-interop  check converted robots with the parsers of Gazebo and ROS; needs Debian
+# make test-interop  check robots with the parsers of Gazebo and ROS, video with FFmpeg; needs Debian
 # make test-arm64    compare the parts without ROS on arm64 and here, with QEMU; needs Debian
 # make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md

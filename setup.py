@@ -22,7 +22,8 @@ setup(
     name=package_name,
     version='0.2.0',
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'viewer/page/*']},
+    package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'robot/view/page/*',
+                                 'viewer/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
         (f'share/{package_name}', ['package.xml']),
@@ -51,6 +52,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'img_calibrate = opencv_tools.commands:img_calibrate',
             'img_convert = opencv_tools.commands:img_convert',
             'img_filter = opencv_tools.commands:img_filter',
             'img_publisher = opencv_tools.commands:img_publisher',
@@ -58,6 +60,7 @@ setup(
             'img_viewer = opencv_tools.commands:img_viewer',
             'robot_compare = opencv_tools.commands:robot_compare',
             'robot_frames = opencv_tools.commands:robot_frames',
+            'robot_view = opencv_tools.commands:robot_view',
             'sdf_to_urdf = opencv_tools.commands:sdf_to_urdf',
             'urdf_to_sdf = opencv_tools.commands:urdf_to_sdf',
         ],

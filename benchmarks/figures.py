@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
@@ -55,6 +55,17 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
 def write_figures(path: Path, figures: Sequence[Figure]) -> None:
     """Write figures to a file."""
     path.write_text(json.dumps([asdict(figure) for figure in figures], indent=2) + '\n')
+
+
+def print_figures(figures: Iterable[Figure], path: Path | None) -> list[Figure]:
+    """Print each figure when it is measured, and write all to a file, unless it is None."""
+    found = []
+    for figure in figures:
+        found.append(figure)
+        print(f'{figure.name:70}{figure.value:10.3f} {figure.unit:6}{figure.goal}', flush=True)
+    if path:
+        write_figures(path, found)
+    return found
 
 
 def read_figures(path: Path) -> list[Figure]:

@@ -46,7 +46,7 @@ class Viewer(NodeProcess):
     @property
     def url(self) -> str:
         """Address of the WebSocket."""
-        found = re.search(r'Open http(\S+)/ in a browser', self.console())
+        found = re.search(r'Open http(://[^/]+)/\S* in a browser', self.console())
         if not found:
             raise SystemExit(f'the viewer has printed no address:\n{self.console()}')
         return f'ws{found[1]}/ws'

@@ -39,6 +39,7 @@ from figures import add_json_option, Figure, write_figures
 from node_process import enter_domain, NAMESPACE
 import numpy as np
 from opencv_tools.frames import FrameNode, main as run_node
+from opencv_tools.video.settings import VideoSettings
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / 'test' / 'support'))
@@ -88,14 +89,14 @@ window.watch = (element) => {
 class Camera(FrameNode):
     """Publish a clip, each frame with its stamp in the pixels."""
 
-    def __init__(self, topic: str) -> None:
+    def __init__(self, topic: str, video: VideoSettings | None = None) -> None:
         """Read the clip."""
         super().__init__('camera')
         capture = cv2.VideoCapture(str(CLIP))
         self._frames = []
         while (read := capture.read())[0]:
             self._frames.append(read[1])
-        self._publisher = self.publish_frames(topic)
+        self._publisher = self.publish_frames(topic, video=video)
         self._count = 0
         self.create_timer(1 / RATE, self._publish)
 
@@ -133,11 +134,13 @@ def camera_and_viewer(
         yield found[1]
 
 
-def watch(page: Page, selector: str, seconds: float) -> np.ndarray:
-    """Return the ages in ms of the pictures that an element shows, after a while."""
+def watch(
+    page: Page, selector: str, seconds: float, settle: float = SETTLE_SECONDS,
+) -> np.ndarray:
+    """Return the ages in ms of the pictures that an element shows, after ``settle`` seconds."""
     page.wait_for(f'document.querySelector("{selector}")?.hidden === false')
     page.evaluate(f'watch(document.querySelector("{selector}"))')
-    time.sleep(SETTLE_SECONDS)
+    time.sleep(settle)
     page.evaluate('ages.length = 0')
     time.sleep(seconds)
     return np.array(page.evaluate('ages'))

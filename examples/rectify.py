@@ -18,9 +18,7 @@ from __future__ import annotations
 
 import sys
 
-import cv2
-import numpy as np
-from opencv_tools.frames import Frame, FrameNode, main
+from opencv_tools.frames import Frame, FrameNode, main, RectificationError
 
 
 class Rectifier(FrameNode):
@@ -34,14 +32,12 @@ class Rectifier(FrameNode):
 
     def on_frame(self, frame: Frame) -> None:
         """Publish a rectified frame with its stamp."""
-        info = frame.camera_info
-        if info is None or not info.k[0]:
-            self.get_logger().warning('the camera has no calibration', once=True)
-        elif self.rectified.has_subscribers:
-            matrix, projection = np.reshape(info.k, (3, 3)), np.reshape(info.p, (3, 4))
-            image = cv2.undistort(
-                frame.image, matrix, np.array(info.d), newCameraMatrix=projection[:, :3])
-            self.rectified.publish(image, frame)
+        if not self.rectified.has_subscribers:
+            return
+        try:
+            self.rectified.publish(frame.rectified, frame)
+        except RectificationError as err:
+            self.get_logger().warning(str(err), once=True)
 
 
 if __name__ == '__main__':

@@ -55,11 +55,13 @@ class ImagePublisher(ClosableNode):
         self._topics = topics = ImageTopics(
             self, 'video_frames', calibration, fastdds, settings.wait_for_subscribers,
             settings.video())
+        topics.rectify(settings.rectify)
         self.publisher_ = topics.images
         controls = CameraControls(self, PARAMETERS, lambda: self._loop.camera)
         self._loop = PublishLoop(self, settings, topics, controls)
         watch_parameters(
-            self, PARAMETERS, self._loop.apply_changes, lambda: controls.parameters)
+            self, PARAMETERS, self._loop.apply_changes, lambda: controls.parameters,
+            self._loop.check_changes)
         self.create_service(SetBool, 'set_capture', self._loop.set_capture)
         create_camera_info_service(self, calibration, lambda: self._loop.settings)
         if not is_camera(settings.source):

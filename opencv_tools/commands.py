@@ -48,6 +48,16 @@ def _run_robot_command(name: str) -> int:
         lambda: int(getattr(_load('opencv_tools.robot.cli'), name)()))
 
 
+def img_calibrate() -> int:
+    """Run ``img_calibrate`` and return the exit status."""
+    return end_at_signals(lambda: int(_load('opencv_tools.calibration.cli').main(
+        search_topics=_search_topics)), status=1)
+
+
+def _search_topics(*arguments: Any) -> Any:
+    return _load('opencv_tools.topic_views').search_topics(*arguments)
+
+
 def img_convert() -> int:
     """Run ``img_convert`` and return the exit status."""
     return end_at_signals(lambda: int(_load('opencv_tools.convert.cli').main()), status=1)
@@ -60,5 +70,6 @@ img_subscriber = partial(_run_node, 'opencv_tools.basic_image_subscriber')
 img_viewer = partial(_run_node, 'opencv_tools.image_viewer')
 robot_compare = partial(_run_robot_command, 'robot_compare')
 robot_frames = partial(_run_robot_command, 'robot_frames')
+robot_view = partial(_run_robot_command, 'robot_view')
 sdf_to_urdf = partial(_run_robot_command, 'sdf_to_urdf')
 urdf_to_sdf = partial(_run_robot_command, 'urdf_to_sdf')

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import math
+import sys
 from threading import Lock, Timer
 import time
 from typing import Protocol
@@ -73,6 +74,33 @@ class LineWriter(Protocol):
 
     def error(self, message: str, /) -> object:
         """Write a failure."""
+
+
+class ConsoleWriter:
+    """Writer of lines on standard error, without details for developers."""
+
+    def __init__(self, command: str) -> None:
+        """
+        Create the writer.
+
+        :param command: name of the command, with which each line begins.
+        """
+        self._command = command
+
+    def debug(self, message: str, /) -> None:
+        """Discard a detail for developers."""
+
+    def info(self, message: str, /) -> None:
+        """Write normal progress."""
+        print(f'{self._command}: {message}', file=sys.stderr, flush=True)
+
+    def warning(self, message: str, /) -> None:
+        """Write a possible problem."""
+        self.info(f'warning: {message}')
+
+    def error(self, message: str, /) -> None:
+        """Write a failure."""
+        self.info(f'error: {message}')
 
 
 class Log:

@@ -104,6 +104,21 @@ def open_regular(path: Path, flags: int = os.O_RDONLY, follow: bool = True) -> i
     return file
 
 
+def open_resolved(path: Path) -> int:
+    """
+    Open a regular file, to read it, by the path that `Path.resolve` has returned.
+
+    :returns: the descriptor, which the caller must close.
+    :raises RefusedFileError: a part of the path has been replaced by a link since then.
+    :raises OSError: the file cannot be opened.
+    """
+    file = open_regular(path, follow=False)
+    if Path(f'/proc/self/fd/{file}').readlink() != path:
+        os.close(file)
+        raise RefusedFileError(path, f'{path.name} has become a link, or was replaced')
+    return file
+
+
 def read_regular(path: Path, limit: int, follow: bool = True) -> bytes:
     """
     Read a regular file of limited size.
@@ -114,7 +129,19 @@ def read_regular(path: Path, limit: int, follow: bool = True) -> bytes:
     :raises RefusedFileError: the path is not a regular file, or the file is larger.
     :raises OSError: the file cannot be read.
     """
-    with os.fdopen(open_regular(path, follow=follow), 'rb', buffering=0) as file:
+    return read_opened(open_regular(path, follow=follow), path, limit)
+
+
+def read_opened(descriptor: int, path: Path, limit: int) -> bytes:
+    """
+    Read an open file of limited size, and close it.
+
+    :param path: path of the file, for messages.
+    :param limit: largest allowed size in bytes.
+    :raises RefusedFileError: the file is larger.
+    :raises OSError: the file cannot be read.
+    """
+    with os.fdopen(descriptor, 'rb', buffering=0) as file:
         size = os.fstat(file.fileno()).st_size
         chunks: list[bytes] = []
         total = 0
@@ -138,7 +165,7 @@ def replace_file(path: Path, content: bytes) -> None:
     """
     with suppress(FileNotFoundError):
         check_kind(path, path.lstat().st_mode)
-    temporary = write_beside(path, content)
+    temporary = write_beside(path, (content,))
     try:
         temporary.replace(path)
     except OSError:
@@ -146,31 +173,44 @@ def replace_file(path: Path, content: bytes) -> None:
         raise
 
 
-def write_beside(path: Path, content: bytes) -> Path:
+def write_beside(path: Path, parts: Iterable[Any], keeps_mode: bool = False) -> Path:
     """
     Write a temporary file that can replace another file of the same folder.
 
     :param path: path of the other file.
-    :param content: content of the file.
+    :param parts: buffers with the content, in order.
+    :param keeps_mode: whether the file has the permissions of the other one, if that exists.
     :returns: path of the temporary file.
     :raises OSError: the file cannot be written; it is removed.
     """
     temporary = path.with_name(f'.{os.urandom(8).hex()}.part')
-    write_new(temporary, (content,))
+    mode = None
+    if keeps_mode:
+        with suppress(FileNotFoundError):
+            mode = stat.S_IMODE(path.stat().st_mode)
+    write_new(temporary, parts, mode=mode)
     return temporary
 
 
-def write_new(path: Path, parts: Iterable[Any], sync: bool = False) -> None:
+def write_new(
+    path: Path, parts: Iterable[Any], sync: bool = False, mode: int | None = None,
+) -> None:
     """
     Write a new file.
 
     :param parts: buffers with the content, in order.
     :param sync: whether the file is flushed to disk.
+    :param mode: permissions of the file; None for those of a new file.
     :raises FileExistsError: the path exists; it is not changed.
     :raises OSError: the file cannot be written; it is removed.
     """
-    with path.open('xb', buffering=0) as file:
+    def opener(name: str, flags: int) -> int:
+        return os.open(name, flags, 0o666 if mode is None else mode & 0o600)
+
+    with open(path, 'xb', buffering=0, opener=opener) as file:
         try:
+            if mode is not None:
+                os.fchmod(file.fileno(), mode)
             for part in parts:
                 write_buffer(file, part)
             if sync:

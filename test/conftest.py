@@ -37,6 +37,7 @@ from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 import cv2
 import numpy as np
 from opencv_tools.signals import END_SIGNALS
+from prepared import programs
 import pytest
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -71,6 +72,9 @@ for _number in END_SIGNALS:
 # The processes of the tests multiply no large matrices; their starts take a quarter less time.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+# colcon forbids bytecode. Without it, each worker compiles and rewrites every test in each run.
+sys.dont_write_bytecode = False
+
 # `make` sets the prefix of ROS. An activated virtual environment is such a prefix, too.
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
     os.environ['AMENT_PREFIX_PATH'] = sys.prefix
@@ -93,12 +97,16 @@ def peak_memory(script: str, *arguments: object) -> int:
 class NodeProcess:
     """An executable of the package in its own process."""
 
-    def __init__(self, command: list[str], log: Path, environment: dict[str, str]) -> None:
+    def __init__(self, command: list[str], log: Path, environment: dict[str, str],
+                 is_prepared: bool = False) -> None:
         self._log = log
         self.left_behind: set[Path] = set()
-        with log.open('w') as console:
-            self._process = subprocess.Popen(
-                command, env=environment, stdin=subprocess.DEVNULL, stdout=console,
+        with log.open('w') as console, Path(os.devnull).open() as nothing:
+            prepared = programs().start(
+                command, log.parent, stdin=nothing.fileno(), output=console.fileno(),
+                environment=environment) if is_prepared else None
+            self._process = prepared or subprocess.Popen(
+                command, env=environment, stdin=nothing, stdout=console,
                 stderr=subprocess.STDOUT, cwd=log.parent)
 
     @property
@@ -324,14 +332,18 @@ def other_domain() -> Iterator[int]:
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+def start(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """
     Return a function that starts executables or examples; all of them end with the test.
+
+    A node is a copy of a process that has imported its modules, see `prepared`. With the mark
+    ``fresh``, or within another command, it is a process of its own from the beginning.
 
     Keywords are parameters. Positional arguments go to the command line unchanged. ``within`` is
     the prefix of the command; it must replace itself by ``exec``.
     """
     processes: list[NodeProcess] = []
+    is_prepared = request.node.get_closest_marker('fresh') is None
 
     def _start(name: str, *words: str, within: Sequence[str] = (),
                **parameters: object) -> NodeProcess:
@@ -341,7 +353,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
         command = [*within, *program, *words, '--ros-args',
                    *itertools.chain.from_iterable(('-p', assignment) for assignment in given)]
         log = tmp_path / f'{name}_{len(processes)}.log'
-        processes.append(NodeProcess(command, log, dict(os.environ)))
+        processes.append(NodeProcess(command, log, dict(os.environ), is_prepared))
         return processes[-1]
 
     yield _start

@@ -38,6 +38,7 @@ from opencv_tools.bags.mcap_records import (
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock
+from opencv_tools.video.messages import VIDEO_TOPICS
 
 _BLOCK = 1 << 20
 _MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
@@ -253,7 +254,7 @@ class _OwnBag:
             self._channels.add(found.id)
             if found.schema_id in self._image_schemas:
                 self._image_channels.add(found.id)
-        elif found.name in (IMAGE, COMPRESSED_IMAGE):
+        elif found.name in (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS):
             self._image_schemas.add(found.id)
         self.index.add_record(record.opcode, data)
 

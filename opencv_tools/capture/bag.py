@@ -40,7 +40,7 @@ from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 
-_REMEDY = 'set bag_topic, or --topic of img_convert, to one of'
+_REMEDY = 'set bag_topic, or --topic of the command, to one of'
 _MAX_LISTED = 10  # topics in an error message
 _MAX_INFO = 1 << 20  # bytes of a calibration
 

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +26,8 @@ from opencv_tools.image.cdr import (
     cdr_to_compressed_image, COMPRESSED_IMAGE, IMAGE, WireCompressedImage)
 from opencv_tools.image.errors import CdrError, ImageError
 from opencv_tools.video.messages import cdr_to_video, VIDEO_TOPICS, WireVideo
+from opencv_tools.video.numbered_decoder import NumberedDecoder
 from opencv_tools.video.parameter_sets import is_key_frame
-
-if TYPE_CHECKING:
-    from opencv_tools.video.decoder import VideoDecoder
 
 # Skipped packets that wait until a later one is read; more are decoded.
 _MAX_SKIPPED = 600
@@ -69,9 +67,7 @@ class BagVideo:
         self._type_name = type_name
         # A topic of compressed images has video or not; its first message tells.
         self._is_video = None if type_name == COMPRESSED_IMAGE else type_name != IMAGE
-        self._decoder: VideoDecoder | None = None
-        self._codec = ''
-        self._number = 0  # of the last packet
+        self._decoder = NumberedDecoder()
         self._skipped: list[tuple[WireVideo, int]] = []
 
     @property
@@ -121,8 +117,7 @@ class BagVideo:
 
     def restart(self) -> None:
         """Forget all packets, because some are missing."""
-        self._decoder = None
-        self._number = 0
+        self._decoder = NumberedDecoder()
         self._skipped.clear()
 
     def _decode_skipped(self) -> None:
@@ -132,9 +127,4 @@ class BagVideo:
                 self._decode(video, number)
 
     def _decode(self, video: WireVideo, number: int) -> NDArray[Any]:
-        from opencv_tools.video.decoder import VideoDecoder
-        is_next = not number or number == self._number + 1
-        if self._decoder is None or self._codec != video.codec or not is_next:
-            self._decoder, self._codec = VideoDecoder(video.codec), video.codec
-        self._number = number
-        return self._decoder.decode(bytes(video.data), video.size)
+        return self._decoder.decode(video.codec, bytes(video.data), number, video.size)

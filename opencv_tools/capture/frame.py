@@ -19,7 +19,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
+import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.capture.live_video import LivePicture
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.video.messages import WireVideo
 
@@ -80,6 +82,9 @@ class CapturedFrame:
         time at which the frame was due; the player sets it, the source leaves 0.
     :param position: time of the frame in its file, in seconds; None if the file has no times.
     :param recorded: metadata of the frame if its file is a bag.
+    :param video: packet of the frame if its camera or stream sends H.264.
+    :param is_due: whether its image is due by the rate that was set. A packet of video that is not
+        due is only passed on.
     """
 
     image: NDArray[Any]
@@ -87,11 +92,24 @@ class CapturedFrame:
     stamp_ns: int = 0
     position: float | None = None
     recorded: Recorded | None = None
+    video: LivePicture | None = None
+    is_due: bool = True
 
     @property
     def is_video(self) -> bool:
         """Whether it is a frame of video in a bag, decoded or not."""
         return self.recorded is not None and isinstance(self.recorded.message, WireVideo)
+
+
+def live_frame(picture: LivePicture, stamp_ns: int) -> CapturedFrame:
+    """
+    Return the frame of a packet of a camera or stream.
+
+    :param picture: the packet.
+    :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC.
+    """
+    content = np.frombuffer(picture.packet.data, np.uint8)
+    return CapturedFrame(content, VIDEO, stamp_ns, video=picture)
 
 
 class _Readable(Protocol):
@@ -149,11 +167,14 @@ class LiveSource(_Readable, Protocol):
     """
     A source that sends frames at its own speed: a camera or a stream.
 
-    ``missed`` counts the frames that were lost because the reader was too slow.
+    ``missed`` counts the frames that were lost because the reader was too slow. With
+    ``needs_every`` each frame needs the one before, so that a skipped one costs those until the
+    next key frame.
     """
 
     live: Literal[True]
     missed: int
+    needs_every: bool
 
     def wait(self, seconds: float) -> bool:
         """

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from threading import Event
 from typing import Protocol
@@ -263,18 +263,21 @@ class Grabber:
                     raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
             self.outage.end(source)
-            if pacer.is_due(early) and self._demand.may_publish():
+            is_due = pacer.is_due(early)
+            if (is_due or source.needs_every) and self._demand.may_publish():
                 frame: CapturedFrame | None = None
                 try:
                     if self._demand.has_subscribers():
-                        frame = source.read()
+                        frame = replace(source.read(), is_due=is_due)
                     else:
                         source.skip()
                 except BrokenFrameError as err:
                     self._listener.broken(err)
                 else:
-                    pacer.advance(_period(self.playback.rate, source))
-                    yield frame
+                    if is_due:
+                        pacer.advance(_period(self.playback.rate, source))
+                    if is_due or frame:
+                        yield frame
             else:
                 source.skip()
             quiet_since = self._clock.monotonic()

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.capture.frame import CapturedFrame, JPEG, Recorded
+from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
@@ -34,6 +34,7 @@ from opencv_tools.image.orientation import orient
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import (
     check_complete, convert_image, decode_image, encode_image, turn_image)
+from opencv_tools.video.packet import VideoPacket
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
 # the colour channels, so it can be decoded to each of them.
@@ -75,7 +76,8 @@ class OutputImage:
         :param frame: the captured frame.
         :param settings: how the frame is converted.
         """
-        self._frame = frame
+        #: The captured frame.
+        self.frame = frame
         #: How the frame is converted.
         self.settings = settings
         #: Lends an array of a height, a width and an encoding, to which the last conversion writes
@@ -98,16 +100,20 @@ class OutputImage:
         if self.is_decoded:
             image, encoding = self._pixels
             return image.shape[1], encoding.height(image.shape[0])
-        content = self._frame.image.tobytes()
-        width, height = image_size(content)
-        if content.startswith(JPEG_SOI):
-            check_complete(content)
+        if self.frame.video:
+            packet = self.frame.video.packet
+            width, height = packet.width, packet.height
+        else:
+            content = self.frame.image.tobytes()
+            width, height = image_size(content)
+            if content.startswith(JPEG_SOI):
+                check_complete(content)
         return (height, width) if self.settings.rotate % 180 else (width, height)
 
     @property
     def is_decoded(self) -> bool:
         """Whether the pixels are known: those of a raw frame, and those that were asked for."""
-        return self._frame.encoding != JPEG or '_pixels' in vars(self)
+        return self.frame.encoding not in (JPEG, VIDEO) or '_pixels' in vars(self)
 
     @property
     def description(self) -> str:
@@ -116,13 +122,8 @@ class OutputImage:
         try:
             width, height = self.size
         except SizeError:  # a codec that is only passed on
-            return f'{self._frame.image.size} bytes {shown}'
+            return f'{self.frame.image.size} bytes {shown}'
         return f'{width}x{height} {shown}'
-
-    @property
-    def recorded(self) -> Recorded | None:
-        """Metadata of a frame of a bag."""
-        return self._frame.recorded
 
     @cached_property
     def jpeg(self) -> tuple[NDArray[Any], str]:
@@ -131,12 +132,13 @@ class OutputImage:
 
         The compressed image of a camera or bag is used unchanged when the settings allow it.
         """
-        if self._can_pass_jpeg_through():
-            if self._frame.recorded:
-                return self._frame.image, self._format
+        if self.frame.encoding == JPEG and (_keeps_pixels(self.settings, *_AS_JPEG) or (
+                _keeps_pixels(self.settings, 'mono8') and self._is_gray_jpeg)):
+            if self.frame.recorded:
+                return self.frame.image, self._format
             if self._is_gray_jpeg:
-                return self._frame.image, 'mono8; jpeg compressed mono8'
-            return self._frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
+                return self.frame.image, 'mono8; jpeg compressed mono8'
+            return self.frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
         image, actual = self._pixels
         stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
         if actual != stored:
@@ -147,38 +149,41 @@ class OutputImage:
         declared = actual.name if actual.name in _AS_JPEG else stored.name
         return data, f'{declared}; jpeg compressed {stored.name}'
 
-    def _can_pass_jpeg_through(self) -> bool:
-        """Return whether the compressed image of the source can be published unchanged."""
-        settings = self.settings
-        return (self._frame.encoding == JPEG and settings.flip == 'none' and not settings.rotate
-                and (settings.encoding in _AS_JPEG
-                     or (settings.encoding == 'mono8' and self._is_gray_jpeg)))
+    @property
+    def packet(self) -> VideoPacket | None:
+        """Packet of a camera or stream, if the settings do not change its picture."""
+        video = self.frame.video
+        return video.packet if video and _keeps_pixels(self.settings, _DECODED.name) else None
 
     @property
     def _format(self) -> str:
         """Format string of a compressed image."""
-        message = self._frame.recorded and self._frame.recorded.message
+        if self.frame.video:
+            return self.frame.video.packet.codec
+        message = self.frame.recorded and self.frame.recorded.message
         return message.format if isinstance(message, WireCompressedImage) else JPEG
 
     @cached_property
     def _is_gray_jpeg(self) -> bool:
         try:
-            return jpeg_components(self._frame.image.tobytes()) == 1
+            return jpeg_components(self.frame.image.tobytes()) == 1
         except JpegError:
             return False  # decoding raises the error
 
     @cached_property
     def _pixels(self) -> tuple[NDArray[Any], Encoding]:
-        image = self._frame.image
+        image = self.frame.image
         flip, degrees = self.settings.flip, self.settings.rotate
         is_turned = flip != 'none' or degrees
-        if self._frame.encoding == JPEG:
+        if self.frame.encoding == JPEG:
             is_final = not is_turned and self.settings.encoding in ('', _DECODED.name)
             image = decode_image(image, lend=None if not is_final else (
                 lambda height, width: self.lend(height, width, _DECODED)))
             encoding = decoded_encoding(image, self._format)
+        elif self.frame.video:
+            image, encoding = self.frame.video.decode(), _DECODED
         else:
-            encoding = find_encoding(self._frame.encoding)
+            encoding = find_encoding(self.frame.encoding)
         target = find_encoding(self.settings.encoding) if self.settings.encoding else encoding
         if not target.has_layout_of(encoding):
             native = _native(image, encoding)
@@ -192,6 +197,12 @@ class OutputImage:
         height, width = turned.shape[:2]
         out = self.lend(height, width, target)
         return turn_image(_native(image, target), flip, degrees, out), target
+
+
+def _keeps_pixels(settings: OutputSettings, *encodings: str) -> bool:
+    """Return whether images of some encodings are published as they are."""
+    return (settings.flip == 'none' and not settings.rotate
+            and settings.encoding in ('', *encodings))
 
 
 def _lend_nothing(_height: int, _width: int, _encoding: Encoding) -> None:

@@ -26,13 +26,14 @@ import stat
 
 import cv2
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
+from opencv_tools.capture.av_stream import open_stream, STREAM_SCHEMES
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource, natural_order
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
-from opencv_tools.capture.stream import StreamSource
+from opencv_tools.capture.stream import OpenCvStream, StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
@@ -154,11 +155,17 @@ def _open_url(url: str, timeout: float) -> Source:
     """Open a stream, or a video file on a web server, which has a known number of frames."""
     milliseconds = max(1, int(timeout * 1000))
     try:
+        if url.partition(':')[0].lower() in STREAM_SCHEMES:
+            stream = open_stream(url, timeout)
+            if stream:
+                return StreamSource(url, stream)
         capture = open_video(url, cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, milliseconds,
                              cv2.CAP_PROP_READ_TIMEOUT_MSEC, milliseconds)
     except CaptureError as err:
         raise UnavailableError(str(err)) from err
-    return VideoSource(url, capture) if frame_count(capture) else StreamSource(url, capture)
+    if frame_count(capture):
+        return VideoSource(url, capture)
+    return StreamSource(url, OpenCvStream(capture))
 
 
 def _open_path(path: Path, bag_topic: str) -> Source:

@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
 from threading import Condition, Thread
 import time
-from typing import Literal
+from typing import Literal, Protocol
 
 import cv2
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
@@ -26,51 +28,116 @@ from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.video import describe_video, video_rate
 from opencv_tools.image.text import without_password
 
+# Packets of video that wait to be read, and their bytes. The others are missed.
+_MAX_WAITING = 120
+_MAX_WAITING_BYTES = 1 << 26
+
+
+class OpenStream(Protocol):
+    """
+    A stream that one thread reads.
+
+    ``rate`` and ``description`` are those of a source, ``needs_every`` too. ``missed`` counts the
+    packets that could not be used.
+    """
+
+    rate: float
+    description: str
+    needs_every: bool
+
+    @property
+    def missed(self) -> int:
+        """Count of the packets that could not be used."""
+
+    def frames(self) -> Iterator[CapturedFrame]:
+        """Yield the frames until the end of the stream or its failure."""
+
+    def lose(self) -> None:
+        """Count the last frame as missed, and yield a key frame next."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+
+class OpenCvStream:
+    """A stream that OpenCV decodes."""
+
+    needs_every = False
+    missed = 0
+
+    def __init__(self, capture: cv2.VideoCapture) -> None:
+        """
+        Wrap an open stream.
+
+        :param capture: the stream, as ``open_video`` returns it.
+        """
+        self.rate = video_rate(capture)
+        self.description = describe_video(capture)
+        self._capture = capture
+
+    def frames(self) -> Iterator[CapturedFrame]:
+        """Yield the frames."""
+        while True:
+            is_decoded, image = self._capture.read()
+            if not is_decoded:
+                return
+            yield CapturedFrame(image, 'bgr8', time.monotonic_ns())
+
+    def lose(self) -> None:
+        """Do nothing, because each frame is an image."""
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._capture.release()
+
 
 class StreamSource:
     """
-    A stream that is read continuously by a thread, which keeps the newest frame only.
+    A stream that is read continuously by a thread.
 
-    Frames therefore do not queue up when the publisher is slower than the stream.
+    It keeps the newest image only, so that frames do not queue up when the publisher is slower
+    than the stream. Packets of video, which need each other, are kept in order.
     """
 
     live: Literal[True] = True
 
-    def __init__(self, url: str, capture: cv2.VideoCapture) -> None:
+    def __init__(self, url: str, stream: OpenStream) -> None:
         """
         Start the thread that reads an open stream.
 
         :param url: URL of the stream.
-        :param capture: the open stream, as ``open_video`` returns it.
+        :param stream: the open stream.
         """
         self.name = without_password(url)
-        self.rate = video_rate(capture)
-        self.description = describe_video(capture)
+        self.rate, self.description = stream.rate, stream.description
+        self.needs_every = stream.needs_every
         self.missed = 0
-        self._capture = capture
+        self._stream = stream
         self._changed = Condition()
-        self._newest: CapturedFrame | None = None
+        self._waiting: deque[CapturedFrame] = deque()
+        self._dropped = 0  # of those that waited
         self._ended = False
         self._thread = Thread(target=self._read_all, name='stream', daemon=True)
         self._thread.start()
 
     def wait(self, seconds: float) -> bool:
         with self._changed:
-            self._changed.wait_for(lambda: self._newest is not None or self._ended, seconds)
-            if self._newest is None and self._ended:
+            self._changed.wait_for(lambda: self._waiting or self._ended, seconds)
+            if not self._waiting and self._ended:
                 raise UnavailableError(f'{self.name} ended or is no longer reachable')
-            return self._newest is not None
+            return bool(self._waiting)
 
     def skip(self) -> None:
         with self._changed:
-            self._newest = None
+            if self._waiting:
+                self._waiting.popleft()
 
     def read(self) -> CapturedFrame:
         with self._changed:
-            newest, self._newest = self._newest, None
-        if newest is None:
+            frame = self._waiting.popleft() if self._waiting else None
+        if frame is None:
             raise BrokenFrameError(f'{self.name} has no frame yet')
-        return newest
+        return frame
 
     def close(self) -> None:
         with self._changed:
@@ -78,14 +145,28 @@ class StreamSource:
         self._thread.join()
 
     def _read_all(self) -> None:
-        """Read frames and keep the newest one, until the stream ends or is closed."""
-        while not self._ended:
-            decoded, image = self._capture.read()
+        """Read frames until the stream ends or is closed."""
+        try:
+            for frame in self._stream.frames():
+                with self._changed:
+                    if self._ended:
+                        break
+                    self._keep(frame)
+                    self.missed = self._dropped + self._stream.missed
+                    self._changed.notify()
+        finally:
             with self._changed:
-                if decoded:
-                    self.missed += self._newest is not None
-                    self._newest = CapturedFrame(image, 'bgr8', time.monotonic_ns())
-                else:
-                    self._ended = True
+                self._ended = True
                 self._changed.notify()
-        self._capture.release()
+            self._stream.close()
+
+    def _keep(self, frame: CapturedFrame) -> None:
+        """Keep a frame instead of the one before, or after it if each needs the one before."""
+        size = sum(other.image.nbytes for other in self._waiting)
+        if not self.needs_every or len(self._waiting) >= _MAX_WAITING or size > _MAX_WAITING_BYTES:
+            self._dropped += len(self._waiting)
+            self._waiting.clear()
+            if frame.video and not frame.video.packet.is_key:
+                self._stream.lose()
+                return
+        self._waiting.append(frame)

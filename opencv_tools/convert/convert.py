@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from itertools import chain
 import os
 from pathlib import Path
-import sys
 from typing import Any
 
 from opencv_tools.bags.writing import BAG_SUFFIX
@@ -35,9 +34,10 @@ from opencv_tools.capture.source import describe_opening, is_camera, names_bag, 
 from opencv_tools.convert.source_frames import (
     camera_info_message, numbered_frames, received_frame)
 from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.text import printable, without_password
-from opencv_tools.logs import Log, log_if_slow
+from opencv_tools.logs import ConsoleWriter, Log, log_if_slow
 from opencv_tools.progress import open_progress
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
@@ -89,22 +89,6 @@ class Request:
     compressed: str = ''
 
 
-class _Console:
-    """Writer of lines on standard error, without details for developers."""
-
-    def debug(self, message: str, /) -> None:
-        pass
-
-    def info(self, message: str, /) -> None:
-        print(f'img_convert: {message}', file=sys.stderr, flush=True)
-
-    def warning(self, message: str, /) -> None:
-        self.info(f'warning: {message}')
-
-    def error(self, message: str, /) -> None:
-        self.info(f'error: {message}')
-
-
 def convert(request: Request) -> int:
     """
     Convert the frames of a source to files.
@@ -114,7 +98,7 @@ def convert(request: Request) -> int:
     :raises ValueError: an argument is invalid.
     """
     names = _check(request)
-    log = Log(_Console())
+    log = Log(ConsoleWriter('img_convert'))
     try:
         try:
             with log_if_slow(log, describe_opening(request.source)):
@@ -222,8 +206,12 @@ class _Conversion:
                 if bag and recorded and recorded.camera_info not in (None, last_info):
                     last_info = recorded.camera_info
                     bag.add_message(camera_info_message(recorded))
-                recorder.put(received_frame(frame, number, self._source.rate, bag is not None),
-                             self._note_written)
+                try:
+                    received = received_frame(frame, number, self._source.rate, bag is not None)
+                except ImageError as err:  # a packet of video is damaged
+                    self._skip(err)
+                    continue
+                recorder.put(received, self._note_written)
                 self._progress.tick(_description(frame), failed=self._unreadable)
             if not self._is_interrupted():
                 return True
@@ -276,7 +264,7 @@ class _Conversion:
         end = min(end or request.stop, request.stop or end)
         return max(0, -(-(end - request.start) // request.every))
 
-    def _skip(self, err: BrokenFrameError) -> None:
+    def _skip(self, err: BrokenFrameError | ImageError) -> None:
         """Count and log a frame that cannot be read."""
         self._unreadable += 1
         self._failure_log.bad_frame(f'a frame was not read: {err}')

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 import time
 
@@ -27,6 +28,7 @@ from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
 from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
@@ -83,9 +85,13 @@ def numbered_frames(
 def _read_live(source: LiveSource) -> CapturedFrame | None:
     """Return the next frame of a stream; None at its end."""
     try:
-        return source.read() if source.wait(_READ_SECONDS) else None
+        frame = source.read() if source.wait(_READ_SECONDS) else None
+        return replace(frame, image=frame.video.decode(), encoding='bgr8', video=None) if (
+            frame and frame.video) else frame
     except UnavailableError:
         return None
+    except ImageError as err:
+        raise BrokenFrameError(f'{source.name}: {err}') from err
 
 
 def received_frame(

@@ -25,7 +25,8 @@ from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.frames.node import FrameNode, main, run_filter
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
+from opencv_tools.image.errors import RectificationError
 from opencv_tools.transport.fastdds.profile import configured_fastdds
 
 __all__ = ['Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber', 'LoanedFrame',
-           'configured_fastdds', 'main', 'run_filter']
+           'RectificationError', 'configured_fastdds', 'main', 'run_filter']

@@ -23,12 +23,12 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireMessage
-from opencv_tools.image.color import encodings_between
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.image.encodings import encodings_between, find_encoding
+from opencv_tools.image.errors import ImageError, RectificationError, SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.rectification import Rectifier
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
@@ -47,7 +47,7 @@ class Frame:
 
     def __init__(
         self, message: WireMessage, target: str = '', receive_ns: int = 0,
-        camera_info: CameraInfo | None = None,
+        camera_info: CameraInfo | None = None, rectifier: Rectifier | None = None,
     ) -> None:
         """
         Decode and convert a message.
@@ -56,6 +56,7 @@ class Frame:
         :param target: as for ``to``.
         :param receive_ns: time of reception in nanoseconds of the system clock.
         :param camera_info: calibration with the same stamp.
+        :param rectifier: maps of the camera; None to compute them for this frame alone.
         :raises CvBridgeError: the message is not a valid image, or cannot be converted.
         :raises SizeError: an image has no pixel, or a compressed image too many.
         """
@@ -64,29 +65,27 @@ class Frame:
         self.receive_ns = receive_ns
         #: Calibration with the same stamp, if it was requested; otherwise None.
         self.camera_info = camera_info
+        self._rectifier = rectifier
+        #: Encoding of ``raw``.
+        self.raw_encoding: str
         if isinstance(message, WireCompressedImage):
             check_size(*image_size(bytes(message.data)), MAX_PIXELS)
             self._raw = _BRIDGE.compressed_imgmsg_to_cv2(message)
-            self._encoding = decoded_encoding(self._raw, message.format).name
+            self.raw_encoding = decoded_encoding(self._raw, message.format).name
         else:
             if not message.width or not message.height:
                 raise SizeError(f'the image has {message.width}x{message.height} pixels')
             self._raw = _BRIDGE.imgmsg_to_cv2(message)
-            self._encoding = message.encoding
+            self.raw_encoding = message.encoding
         self._raw.flags.writeable = False
         #: The image in the requested encoding: (h, w) for one channel, (h, w, c) otherwise.
         self.image = self.to(target)
-        self._target = self._encoding if target in _UNCHANGED else target
+        self._target = self.raw_encoding if target in _UNCHANGED else target
 
     @property
     def raw(self) -> NDArray[Any]:
         """Return the image in the encoding of the message, (h, w) or (h, w, c)."""
         return self._raw
-
-    @property
-    def raw_encoding(self) -> str:
-        """Return the encoding of ``raw``."""
-        return self._encoding
 
     @property
     def encoding(self) -> str:
@@ -102,6 +101,25 @@ class Frame:
         """
         return self.to('mono8')
 
+    @cached_property
+    def rectified(self) -> NDArray[Any]:
+        """
+        Return ``image`` without the distortion of the lens, computed once.
+
+        It has the encoding of ``image``; Bayer and YUV images become ``bgr8``, or ``bgr16`` with
+        16 bits. Generic types, such as ``32FC1``, get the nearest pixels.
+
+        :raises RectificationError: the frame has no camera_info, or it has no calibration of this
+            image.
+        """
+        if self.camera_info is None:
+            raise RectificationError('a frame without camera_info cannot be rectified: give '
+                                     'camera_info=True to receive_frames')
+        rectified, _ = (self._rectifier or Rectifier()).rectify(
+            self.image, find_encoding(self._target), self.camera_info)
+        rectified.flags.writeable = False
+        return rectified
+
     def to(self, encoding: str) -> NDArray[Any]:
         """
         Convert the image.
@@ -110,9 +128,9 @@ class Frame:
         :returns: (h, w) or (h, w, c) array, a view if the encoding is that of the message.
         :raises CvBridgeError: the encoding is unknown, or the conversion is not supported.
         """
-        if encoding in (*_UNCHANGED, self._encoding):
+        if encoding in (*_UNCHANGED, self.raw_encoding):
             return self._raw
-        source = find_encoding(self._encoding)
+        source = find_encoding(self.raw_encoding)
         try:
             converted = convert_image(self._raw, *encodings_between(source, encoding))
         except ImageError as err:

@@ -27,6 +27,7 @@ from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
+from opencv_tools.image.errors import VideoError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image
 from opencv_tools.logs import Log
@@ -34,7 +35,7 @@ from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.units import NANO
-from opencv_tools.video.settings import VideoSettings
+from opencv_tools.video.settings import check_encoder, VideoSettings
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
@@ -64,11 +65,18 @@ class FramePublisher:
         :param quality: quality of JPEG, 1 to 100.
         :param video: settings of the video on ``<topic>/ffmpeg`` and ``<topic>/foxglove``; None
             for no such topics.
-        :raises ParameterError: the name of the topic or the quality is invalid, or the
+        :raises ParameterError: the name of the topic, the quality or the video is invalid, or the
             ``qos_overrides`` parameters of the topic cannot be used.
         """
         if type(quality) is not int or not 1 <= quality <= 100:
             raise ParameterError(f'quality is {quality!r}: give a number from 1 to 100')
+        if not isinstance(video, VideoSettings | None):
+            raise ParameterError(f'video is {video!r}: give VideoSettings(), or None for no video')
+        try:
+            if video:
+                check_encoder(video)
+        except VideoError as err:
+            raise ParameterError(f'video: {err}') from err
         self._node = node
         self._quality = quality
         self._bridge = CvBridge()

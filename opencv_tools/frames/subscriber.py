@@ -23,6 +23,7 @@ from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.image.errors import EncodingError, ImageError
 from opencv_tools.logs import Log
 from opencv_tools.rate_limit import MAX_RATE, RateLimit
+from opencv_tools.rectification import Rectifier
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
@@ -57,7 +58,7 @@ class FrameSubscriber:
             services and parameters of the node are not delayed by it. Its exceptions are raised
             in the executor.
         :param camera_info: whether to wait for the calibration with the same stamp, from the topic
-            ``camera_info`` beside the image topic.
+            ``camera_info`` beside the image topic, for ``Frame.rectified``.
         :param transport: ``auto``, ``raw``, ``compressed``, ``video`` or ``shm``.
         :param max_rate: maximum rate of the calls in Hz, by the stamps of the frames; 0 for no
             limit. The frames between are skipped, also if ``every`` is set.
@@ -68,6 +69,7 @@ class FrameSubscriber:
         self._log = Log(node.get_logger())
         self._callback = callback
         self._encoding = encoding
+        self._rectifier = Rectifier()
         self._rate_limit = RateLimit(max_rate)
         self._left_out = 0  # frames above the rate
         #: Number of messages that could not be read or converted.
@@ -103,7 +105,7 @@ class FrameSubscriber:
             return
         try:
             frame = Frame(received.image, self._encoding, received.receive_ns,
-                          received.camera_info)
+                          received.camera_info, self._rectifier)
         except (CvBridgeError, ImageError) as err:
             self._count_failed(err)
         else:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from opencv_tools.image.bayer import bayer_to_color
 from opencv_tools.image.channels import reorder
 from opencv_tools.image.depth import change_depth
-from opencv_tools.image.encodings import Encoding, find_desired
+from opencv_tools.image.encodings import Encoding, encodings_between
 from opencv_tools.image.errors import ConversionError
 from opencv_tools.image.yuv import yuv_to_color
 
@@ -74,22 +74,6 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
     :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
     """
     return convert(image, *encodings_between(source, desired))
-
-
-def encodings_between(source: Encoding, desired: str) -> tuple[Encoding, Encoding]:
-    """
-    Return the source and the target of a conversion to an encoding given by name.
-
-    :param source: encoding of the image.
-    :param desired: name of the encoding of the result; ``''`` or the name of ``source`` for a
-        copy.
-    :returns: encodings before and after the conversion.
-    :raises EncodingError: the name is unknown, or the name of ``source`` has no number of
-        channels (``8U``).
-    """
-    if desired in ('', source.name):
-        return source, source
-    return find_desired(source.name), find_desired(desired)
 
 
 def _check_conversion(source: Encoding, target: Encoding) -> None:

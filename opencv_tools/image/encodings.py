@@ -161,6 +161,22 @@ def find_desired(name: str) -> Encoding:
     return Encoding(name, '', int(generic[1] or 1))
 
 
+def encodings_between(source: Encoding, desired: str) -> tuple[Encoding, Encoding]:
+    """
+    Return the source and the target of a conversion to an encoding given by name.
+
+    :param source: encoding of the image.
+    :param desired: name of the encoding of the result; ``''`` or the name of ``source`` for a
+        copy.
+    :returns: encodings before and after the conversion.
+    :raises EncodingError: the name is unknown, or the name of ``source`` has no number of
+        channels (``8U``).
+    """
+    if desired in ('', source.name):
+        return source, source
+    return find_desired(source.name), find_desired(desired)
+
+
 def generic_encoding(image: NDArray[Any]) -> Encoding:
     """
     Return the generic encoding of an array.

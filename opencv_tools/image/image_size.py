@@ -27,6 +27,9 @@ PNG_SIGNATURE = b'\x89PNG\r\n\x1a\n'
 #: Default limit of the number of pixels of an image to decode.
 MAX_PIXELS = 2**27
 
+#: Pixels of the largest picture of H.264, H.265 and AV1 at their level 6.2: 8192x4352.
+MAX_VIDEO_PIXELS = 8192 * 4352
+
 _HEADER_BYTES = 65536  # largest header that is searched in formats with a text header
 _MAX_SIZES = 100  # largest number of sizes in a file of nested boxes
 _BLANK = rb'(?:\s|#[^\r\n]*[\r\n])+'

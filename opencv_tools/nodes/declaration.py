@@ -114,6 +114,7 @@ def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
 def watch_parameters(
     node: Node, table: Sequence[Parameter], apply: Callable[[dict[str, Any]], object],
     more: Callable[[], Sequence[Parameter]] = tuple,
+    check_together: Callable[[dict[str, Any]], object] | None = None,
 ) -> None:
     """
     Apply changes of parameters while the node runs; refuse invalid ones with the reason.
@@ -123,6 +124,8 @@ def watch_parameters(
     :param table: parameters that can be changed.
     :param apply: called with the changed values by name.
     :param more: returns further parameters, which other callbacks apply.
+    :param check_together: called before ``apply`` with the same values; raises ``ParameterError``
+        for values that do not suit each other or the values of other parameters.
     """
     by_name = {parameter.name: parameter for parameter in table}
 
@@ -134,19 +137,22 @@ def watch_parameters(
                     describe_unknown(change.name, tuple(parameters.values())))
         return [_converted(change, parameters.get(change.name)) for change in changes]
 
+    def own(changes: list[rclpy.Parameter]) -> dict[str, Any]:
+        return {change.name: change.value for change in changes if change.name in by_name}
+
     def check(changes: list[rclpy.Parameter]) -> SetParametersResult:
         try:
-            for change in changes:
-                if change.name in by_name:
-                    by_name[change.name].accept(change.value)
+            for name, value in own(changes).items():
+                by_name[name].accept(value)
+            if check_together:
+                check_together(own(changes))
         except ParameterError as err:
             return SetParametersResult(successful=False, reason=str(err))
         return SetParametersResult(successful=True)
 
     def apply_changes(changes: list[rclpy.Parameter]) -> None:
-        changed = {change.name: change.value for change in changes if change.name in by_name}
-        if changed:
-            apply(changed)
+        if own(changes):
+            apply(own(changes))
 
     node.add_pre_set_parameters_callback(convert)
     node.add_on_set_parameters_callback(check)

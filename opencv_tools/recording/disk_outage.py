@@ -43,6 +43,10 @@ class DiskOutage:
         self._retry_at = self._monotonic() + _RETRY_SECONDS
         self._needed = max(self._needed, _ROOM * bytes_waiting)
 
+    def attempt(self) -> None:
+        """Delay the file after the one that begins now. A frame that is left out begins none."""
+        self._retry_at = self._monotonic() + _RETRY_SECONDS
+
     def end(self) -> None:
         """Note that data were written."""
         self._error, self._needed = None, 0
@@ -60,9 +64,11 @@ class DiskOutage:
         now = self._monotonic()
         if now < self._retry_at:
             return False
-        self._retry_at = now + _RETRY_SECONDS
         try:
             disk = os.statvfs(folder)
         except OSError:  # the folder was removed, and is created again
             return True
-        return disk.f_bavail * disk.f_frsize >= self._needed
+        if disk.f_bavail * disk.f_frsize >= self._needed:
+            return True
+        self._retry_at = now + _RETRY_SECONDS
+        return False

@@ -193,6 +193,7 @@ class FileSink(Generic[W, P]):
         return file.writer.is_at_path()
 
     def _begin(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> OpenFile[W]:
+        self._outage.attempt()
         self._folder.recreate()
         self._folder.write_deferred()
         path = self._folder.path / name

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Command lines of urdf_to_sdf, sdf_to_urdf, robot_compare and robot_frames.
+Command lines of urdf_to_sdf, sdf_to_urdf, robot_compare, robot_frames and robot_view.
 
 Slow imports are inside functions, so that ``--help`` is fast.
 """
@@ -111,6 +111,24 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
     return _run(parser, argv)
 
 
+def robot_view(argv: Sequence[str] | None = None) -> int:
+    """Show a robot in a browser and return the exit status."""
+    parser = _parser('robot_view', 'Show a robot in a browser, in the conventions of URDF and of '
+                     'SDF; or what\ndiffers between two robots.',
+                     'my_arm.urdf --html my_arm.html')
+    _add_input(parser, 'FILE', _ANY_FORMAT)
+    parser.add_argument('file2', metavar='FILE2', nargs='?', help='robot to compare with')
+    parser.add_argument('--html', metavar='PAGE', help='write one HTML file that needs no server '
+                        'and no network, instead of a page on this machine')
+    parser.add_argument('--no-meshes', dest='meshes', action='store_false',
+                        help='leave out meshes, which --html puts into the file')
+    parser.add_argument('--port', type=_port, metavar='N',
+                        help='port of the page on this machine; 0 for a free one [8090]')
+    _add_xacro_option(parser)
+    _add_sdf_options(parser)
+    return _run(parser, argv)
+
+
 def _parser(name: str, text: str, example: str, failure: str = '') -> argparse.ArgumentParser:
     statuses = ['0  success', *([f'1  {failure}'] if failure else []), '2  error']
     parser = argparse.ArgumentParser(
@@ -180,6 +198,12 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _port(text: str) -> int:
+    if _count(text) > 65535:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a port from 0 to 65535')
+    return int(text)
+
+
 def _tolerance(text: str) -> float:
     value = _number(text)
     if not 0 <= value < math.inf:
@@ -204,7 +228,7 @@ def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:
 def main() -> NoReturn:
     """Run the command that the first argument names."""
     commands = {command.__name__: command
-                for command in (urdf_to_sdf, sdf_to_urdf, robot_compare, robot_frames)}
+                for command in (urdf_to_sdf, sdf_to_urdf, robot_compare, robot_frames, robot_view)}
     if len(sys.argv) < 2 or sys.argv[1] not in commands:
         sys.exit(f'usage: python3 -m opencv_tools.robot.cli {{{",".join(commands)}}} ...')
     sys.exit(end_at_signals(lambda: commands[sys.argv[1]](sys.argv[2:])))

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-What the commands urdf_to_sdf, sdf_to_urdf, robot_compare and robot_frames do with their options.
+What each command for robots does with its options.
 
 What only one of the commands needs is imported inside its function.
 """
@@ -28,12 +28,14 @@ import signal
 from opencv_tools.robot.load import LoadOptions, read_robot
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.renaming import with_original_names
+from opencv_tools.robot.sdf.includes import file_of_model
 from opencv_tools.robot.xml.document import DescriptionError, Element, to_bytes
 from opencv_tools.robot.xml.output import (
-    check_different, NotWrittenError, print_message, print_text, write_all)
+    check_different, check_not_inputs, NotWrittenError, print_message, print_text, write_all)
 from opencv_tools.robot.xml.report import Report
 
-_OUTPUTS = ('output', 'report', 'plot', 'conventions')  # options that name a file to write
+_INPUTS = ('input', 'a', 'b', 'file', 'file2')
+_OUTPUTS = ('output', 'report', 'plot', 'conventions', 'html')  # options that name a file to write
 
 
 def run(name: str, options: Namespace) -> int:
@@ -41,7 +43,7 @@ def run(name: str, options: Namespace) -> int:
     report = Report()
     error = None
     try:
-        check_different({f'--{output}': getattr(options, output, None) for output in _OUTPUTS})
+        _check_files(options)
         status = _COMMANDS[name](options, report)
     except DescriptionError as err:
         status, error = 2, err
@@ -53,6 +55,19 @@ def run(name: str, options: Namespace) -> int:
     if error is not None:
         print_message(f'{name}: error: {error}')
     return status
+
+
+def _check_files(options: Namespace) -> None:
+    """
+    Check that no file of the command is replaced by another one.
+
+    :raises DescriptionError: an output is another output or an input.
+    """
+    values = vars(options)
+    outputs = {f'--{name}': values.get(name) for name in _OUTPUTS}
+    check_different(outputs)
+    check_not_inputs(outputs, [
+        file_of_model(values[name]) for name in _INPUTS if values.get(name)])
 
 
 def _urdf_to_sdf(options: Namespace, report: Report) -> int:
@@ -115,6 +130,11 @@ def _robot_frames(options: Namespace, report: Report) -> int:
     return 0
 
 
+def _robot_view(options: Namespace, report: Report) -> int:
+    from opencv_tools.robot.view.command import robot_view
+    return robot_view(options, report)
+
+
 def _read(path: str, options: Namespace, report: Report) -> tuple[Robot, str]:
     """Read a robot with those options for reading that the command has."""
     values = vars(options)
@@ -126,4 +146,5 @@ def _read(path: str, options: Namespace, report: Report) -> tuple[Robot, str]:
 
 _COMMANDS: Mapping[str, Callable[[Namespace, Report], int]] = {
     'urdf_to_sdf': _urdf_to_sdf, 'sdf_to_urdf': _sdf_to_urdf,
-    'robot_compare': _robot_compare, 'robot_frames': _robot_frames}
+    'robot_compare': _robot_compare, 'robot_frames': _robot_frames,
+    'robot_view': _robot_view}

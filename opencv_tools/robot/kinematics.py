@@ -231,7 +231,7 @@ def joint_transform(joint: Joint, position: Sequence[float]) -> Transform:
     if kind == 'prismatic':
         return Transform(translation=_scaled_axis(axes[0], position[0]))
     if kind == 'planar':
-        u, v = _plane(axes[0])
+        u, v = plane(axes[0])
         return (Transform(translation=_scaled_axis(u, position[0]))
                 @ Transform(translation=_scaled_axis(v, position[1]))
                 @ Transform(rotation_about(axes[0], position[2])))
@@ -287,7 +287,7 @@ def _scaled_axis(axis: Vector, distance: float) -> Vector:
     return (x * distance, y * distance, z * distance)
 
 
-def _plane(normal: Vector) -> tuple[Vector, Vector]:
+def plane(normal: Vector) -> tuple[Vector, Vector]:
     """Return two directions across a normal, the same for the same normal."""
     x, y, z = normalised(normal)
     # No usual axis has a component near 0.55, so rounding does not change the choice.

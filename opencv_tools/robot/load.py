@@ -60,7 +60,17 @@ def read_robot(path: str, report: Report, options: LoadOptions = LoadOptions()
     """
     path = file_of_model(path)
     report.source = display_name(path)
-    root = _parse_root(path, report, options)
+    return read_element(_parse_root(path, report, options), report, options)
+
+
+def read_element(root: Element, report: Report, options: LoadOptions = LoadOptions()
+                 ) -> tuple[Robot, str]:
+    """
+    Read a robot from the root element of URDF or SDF.
+
+    :returns: see `read_robot`.
+    :raises DescriptionError: the element is not a valid robot description.
+    """
     tag = local_name(root)
     if tag == 'robot':
         return read_urdf(root, report, root_link=options.root), 'urdf'

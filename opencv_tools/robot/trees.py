@@ -41,7 +41,8 @@ def select_root(robot: Robot, root: str, report: Report) -> Robot:
                                f'{shortened(roots)}', source=robot.source)
     if not root and len(roots) > 1:
         raise DescriptionError(f'has {len(roots)} root links, URDF allows one; select it with '
-                               f'--root: {shortened(roots)}', source=robot.source)
+                               f'urdf_to_sdf or sdf_to_urdf --root: {shortened(roots)}',
+                               source=robot.source)
     if len(roots) == 1:
         return robot
     lines = {link.name: link.line for link in robot.links}

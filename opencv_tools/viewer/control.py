@@ -16,13 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import time
 from typing import Any
 
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.topics.timers import create_steady_timer
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.errors import NoAnswerError, RequestError
 from opencv_tools.viewer.parameter_json import (
     encodable, parameter_json, value_from_json, value_json)
 from rcl_interfaces.msg import Parameter
@@ -38,6 +38,7 @@ _SECONDS = 5.0
 _RETRY_SECONDS = 0.05
 # An answer is lost if its server does not know the client yet, so a new client waits.
 _DISCOVERY_SECONDS = 0.3
+_PAUSE_SECONDS = 1.0  # until the service of a new camera is discovered
 _MAX_CLIENTS = 64
 _MAX_PARAMETERS = 500
 _MAX_NODES = 50
@@ -58,7 +59,8 @@ class Control:
 
     def __init__(self, node: Node) -> None:
         """Create an object without clients."""
-        self._node = node
+        #: Node of the clients.
+        self.node = node
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, tuple[Client, float]] = {}
         self._cameras: dict[str, bool] = {}
@@ -70,12 +72,12 @@ class Control:
 
         :param publishing: names of the nodes that publish images.
         """
-        services = dict(self._node.get_service_names_and_types())
+        services = dict(self.node.get_service_names_and_types())
         self._recorders = sorted(
             name.removesuffix(_SAVE) for name, types in services.items()
             if name.endswith(_SAVE) and _TRIGGER in types)[:_MAX_NODES]
         self._cameras = {
-            name: _SET_BOOL in services.get(_capture_service(name), ())
+            name: _has_pause(name, services)
             for name in sorted(set(publishing))[:_MAX_NODES]
             if f'{name}/describe_parameters' in services}
         return {'cameras': list(self._cameras), 'recorders': self._recorders}
@@ -85,14 +87,16 @@ class Control:
         self._check(camera, self._cameras)
         for service_type, name in _READING.items():  # together, because each needs discovery
             self._client(service_type, f'{camera}/{name}')
-        names = (await self._call(ListParameters, f'{camera}/list_parameters',
-                                  ListParameters.Request())).result.names
+        names = (await self.call(ListParameters, f'{camera}/list_parameters',
+                                 ListParameters.Request())).result.names
         names = [name for name in names if not name.startswith(_HIDDEN)][:_MAX_PARAMETERS]
-        described = await self._call(DescribeParameters, f'{camera}/describe_parameters',
-                                     DescribeParameters.Request(names=names))
+        described = await self.call(DescribeParameters, f'{camera}/describe_parameters',
+                                    DescribeParameters.Request(names=names))
         values = await self._values(camera, names)
         found = [parameter_json(descriptor, value)
                  for _, descriptor, value in zip(names, described.descriptors, values)]
+        # The service may have been discovered after the parameters of its node.
+        self._cameras[camera] = self._can_pause(camera)
         return {'parameters': {'node': camera, 'parameters': [item for item in found if item],
                                'capture': self._cameras[camera]}}
 
@@ -106,7 +110,7 @@ class Control:
         if not present:
             raise RequestError(f'{camera} has no parameter {printable(name)}')
         changed = Parameter(name=name, value=value_from_json(value, _only(present, camera)))
-        result = _only((await self._call(
+        result = _only((await self.call(
             SetParameters, f'{camera}/set_parameters',
             SetParameters.Request(parameters=[changed]))).results, camera)
         now = value_json(_only(await self._values(camera, [name]), camera))
@@ -114,9 +118,12 @@ class Control:
                         'ok': result.successful, 'message': printable(result.reason)}}
 
     async def capture(self, camera: Any, is_on: Any) -> dict[str, Any]:
-        """Pause or resume a camera."""
+        """Pause or resume a camera, whose service may be discovered a moment after its node."""
+        if isinstance(camera, str) and self._cameras.get(camera) is False:
+            await self.wait(lambda: self._can_pause(camera), time.monotonic() + _PAUSE_SECONDS)
+            self._cameras[camera] = self._can_pause(camera)
         self._check(camera, [name for name, can_pause in self._cameras.items() if can_pause])
-        answer = await self._call(
+        answer = await self.call(
             SetBool, _capture_service(camera), SetBool.Request(data=is_on is True))
         return {'capture': {'node': camera, 'ok': answer.success,
                             'message': printable(answer.message)}}
@@ -124,41 +131,44 @@ class Control:
     async def save(self, recorder: Any) -> dict[str, Any]:
         """Save a frame."""
         self._check(recorder, self._recorders)
-        answer = await self._call(Trigger, recorder + _SAVE, Trigger.Request())
+        answer = await self.call(Trigger, recorder + _SAVE, Trigger.Request())
         return {'save': {'node': recorder, 'ok': answer.success,
                          'message': printable(answer.message, MAX_PATH)}}
+
+    def _can_pause(self, camera: str) -> bool:
+        return _has_pause(camera, dict(self.node.get_service_names_and_types()))
 
     def _check(self, name: Any, known: Iterable[str]) -> None:
         if not isinstance(name, str) or name not in known:
             raise RequestError(f'{printable(name)} cannot be controlled')
 
     async def _values(self, camera: str, names: list[str]) -> list[Any]:
-        answer = await self._call(
+        answer = await self.call(
             GetParameters, f'{camera}/get_parameters', GetParameters.Request(names=names))
         return list(answer.values)
 
-    async def _call(self, service_type: Any, name: str, request: Any) -> Any:
+    async def call(self, service_type: Any, name: str, request: Any) -> Any:
         """
         Call a service.
 
-        :raises RequestError: the service has not answered.
+        :raises NoAnswerError: the service has not answered.
         """
         client, ready_at = self._client(service_type, name)
         deadline = time.monotonic() + _SECONDS
-        await self._wait(
+        await self.wait(
             lambda: time.monotonic() >= ready_at and client.service_is_ready(), deadline)
         answer = client.call_async(request)
-        await self._wait(answer.done, deadline, answer)
+        await self.wait(answer.done, deadline, answer)
         if not answer.done():
             client.remove_pending_request(answer)
-            raise RequestError(f'{printable(name)} has not answered within {_SECONDS:g} s')
+            raise NoAnswerError(f'{printable(name)} has not answered within {_SECONDS:g} s')
         return answer.result()
 
-    async def _wait(
+    async def wait(
         self, condition: Callable[[], bool], deadline: float, future: Future | None = None,
     ) -> None:
         """Wait for a condition, until a deadline; a future that is done ends the wait at once."""
-        over = Future(executor=self._node.executor)
+        over = Future(executor=self.node.executor)
 
         def check(_: object = None) -> None:
             if over.done():
@@ -169,22 +179,22 @@ class Control:
             except Exception as err:  # noqa: B902 (a client may have been destroyed meanwhile)
                 over.set_exception(err)
 
-        timer = create_steady_timer(self._node, _RETRY_SECONDS, check)
+        timer = create_steady_timer(self.node, _RETRY_SECONDS, check)
         try:
             check()
             if future:
                 future.add_done_callback(check)
             await over
         finally:
-            self._node.destroy_timer(timer)
+            self.node.destroy_timer(timer)
 
     def _client(self, service_type: Any, name: str) -> tuple[Client, float]:
         """Return a client, and the time from which its server knows it."""
         if name not in self._clients:
             while len(self._clients) >= _MAX_CLIENTS:
                 oldest, _ = self._clients.pop(next(iter(self._clients)))
-                self._node.destroy_client(oldest)
-            client = self._node.create_client(service_type, name, callback_group=self._group)
+                self.node.destroy_client(oldest)
+            client = self.node.create_client(service_type, name, callback_group=self._group)
             self._clients[name] = client, time.monotonic() + _DISCOVERY_SECONDS
         return self._clients[name]
 
@@ -200,6 +210,11 @@ def _only(answers: Sequence[Any], camera: str) -> Any:
             f'{camera} has given {len(answers)} answers about one parameter: it may have ended, '
             'or the parameter is gone')
     return answers[0]
+
+
+def _has_pause(node: str, services: Mapping[str, Sequence[str]]) -> bool:
+    """Return whether a node has its service ``set_capture``."""
+    return _SET_BOOL in services.get(_capture_service(node), ())
 
 
 def _capture_service(node: str) -> str:

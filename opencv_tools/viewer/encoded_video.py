@@ -33,24 +33,28 @@ from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
 from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.video_link import SLOW_BIT_RATE
 from opencv_tools.viewer.video_source import PacketReceiver, PublishedVideo, VideoSource
 
 
 class EncodedVideo(VideoSource):
     """Encode the newest frame while a page is ready, once for all pages."""
 
-    def __init__(self, stream: Stream, rate: float, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, stream: Stream, rate: float, loop: asyncio.AbstractEventLoop,
+                 settings: VideoSettings) -> None:
         """
         Create a source that encodes nothing until a page comes.
 
         :param stream: stream of images.
         :param rate: highest rate in Hz.
         :param loop: loop of the server.
+        :param settings: settings of the encoder.
         """
         super().__init__(stream, loop.time)
+        self._settings = settings
         self._loop = loop
         self._period = 1 / rate
-        self._encoder = VideoStream(VideoSettings())
+        self._encoder = VideoStream(settings)
         self._number = self._frame_number = 0
         self._due = 0.0
         self._timer: asyncio.TimerHandle | None = None
@@ -72,7 +76,7 @@ class EncodedVideo(VideoSource):
         super().remove(channel)
         if not self.channels:
             self.stream.watchers.discard(self._frame_arrived)
-            self._encoder, self._group = VideoStream(VideoSettings()), []
+            self._encoder, self._group = VideoStream(self._settings), []
             self._frame_number = 0  # another page begins with this frame
 
     def _demand_key(self) -> None:
@@ -127,18 +131,20 @@ class EncodedVideo(VideoSource):
 
 
 def video_source(stream: Stream, rate: float, subscribe_again: Callable[[], object],
-                 ) -> VideoSource:
+                 is_slow: bool) -> VideoSource:
     """
     Create the source of the video of a stream.
 
     :param stream: stream of packets or of images.
     :param rate: highest rate at which images are encoded, in Hz.
     :param subscribe_again: called for a key frame of a video topic.
+    :param is_slow: whether images are encoded for a slow link.
     """
     loop = asyncio.get_running_loop()
     if isinstance(stream.feed, PacketFeed):
         return PublishedVideo(stream, stream.feed, subscribe_again, loop.time)
-    return EncodedVideo(stream, rate, loop)
+    return EncodedVideo(
+        stream, rate, loop, VideoSettings(bit_rate=SLOW_BIT_RATE if is_slow else 0))
 
 
 def _encode(encoder: VideoStream, image: NDArray[Any], encoding: str, stamp_ns: int,

@@ -38,5 +38,9 @@ class RequestError(Exception):
         self.status = status
 
 
+class NoAnswerError(RequestError):
+    """A node has not answered in time; it may still do what was requested."""
+
+
 class WrongTokenError(RequestError):
     """A request has another token than that of the node."""

@@ -32,13 +32,12 @@ from opencv_tools.video.messages import VIDEO_TOPICS
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.packets import PACKETS
-from opencv_tools.viewer.protocol import base_name, VIDEOS
+from opencv_tools.viewer.protocol import base_name, MAX_TOPICS, VIDEOS
+from opencv_tools.viewer.robot.topics import RobotState, RobotTopics
 from rclpy.node import Node
 
 #: Name and transport of a subscription.
 FeedKey = tuple[str, str]
-#: Maximum number of topics in the list.
-MAX_TOPICS = 200
 # Names of topics whose numbers are remembered.
 _MAX_NUMBERS = 10_000
 
@@ -118,12 +117,20 @@ class GraphState:
     :param feeds: states of the subscriptions by topic and transport.
     :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
         control.
+    :param robot: publishers of the robot.
     """
 
     topics: dict[str, ViewTopic] = field(default_factory=dict)
     more: int = 0
     feeds: dict[FeedKey, FeedState] = field(default_factory=dict)
     nodes: dict[str, list[str]] = field(default_factory=dict)
+    robot: RobotState = field(default_factory=RobotState)
+
+    def lists(self) -> dict[str, Any]:
+        """Return what a page lists, by the name of the message."""
+        return {'topics': [topic.as_json() for topic in self.topics.values()],
+                'more': self.more, 'robot': self.robot.publishers[0] > 0,
+                **({'nodes': self.nodes} if self.nodes else {})}
 
     def describe_unknown(self, name: str) -> str:
         """Return the sentence about a name that is not an image topic."""
@@ -154,6 +161,8 @@ class Graph:
         self._numbers: dict[str, int] = {}
         self._next_number = itertools.count(1)
         self._open: dict[FeedKey, tuple[Feed, FrameSubscription]] = {}
+        #: Topics of the robot, used in the executor as well.
+        self.robot = RobotTopics(node, self._is_wanted, log)
 
     def find(self, name: str) -> ViewTopic | None:
         """Return a published image topic, which need not be in the list."""
@@ -185,6 +194,7 @@ class Graph:
         """Unsubscribe from all topics."""
         for key, (feed, _) in tuple(self._open.items()):
             self.close(key, feed)
+        self.robot.close()
 
     def state(self) -> GraphState:
         """Return the topics and the states of the subscriptions."""
@@ -194,7 +204,7 @@ class Graph:
                  for key, (feed, subscription) in self._open.items()}
         nodes = (self.control.nodes(node for topic in topics.values() for node in topic.nodes)
                  if self.control else {})
-        return GraphState(topics, more, feeds, nodes)
+        return GraphState(topics, more, feeds, nodes, self.robot.state())
 
     def _topics(self) -> tuple[dict[str, ViewTopic], int]:
         """Return the topics of the list and those that somebody looks at; count the others."""

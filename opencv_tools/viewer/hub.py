@@ -39,7 +39,7 @@ from opencv_tools.viewer.video_source import VideoSource
 
 _T = TypeVar('_T')
 # Time after the last viewer until the subscription ends, for a reload of the page.
-_LINGER_SECONDS = 2.0
+UNUSED_SECONDS = 2.0
 _POLL_SECONDS = 1.0
 _GOING_AWAY = 1001  # status of WebSockets
 _CLOSE_SECONDS = 1.0
@@ -82,10 +82,10 @@ class Hub:
         self._pool = pool
         self._log = log
         self._loop = asyncio.get_running_loop()
-        self._guests = 0
+        self._connections = 0
         self._streams: dict[FeedKey, Stream] = {}
-        #: Sources of the streams that pages get as video.
-        self.videos: dict[FeedKey, VideoSource] = {}
+        # Sources of the streams that pages get as video, for slow links or not.
+        self._videos: dict[tuple[FeedKey, bool], VideoSource] = {}
         self._users: dict[FeedKey, int] = {}
         self._pending: asyncio.Future[GraphState] | None = None
         self._poll: asyncio.Task[None] | None = None
@@ -98,19 +98,19 @@ class Hub:
 
         :raises RequestError: there are too many.
         """
-        count = len(self.viewers) + self._guests
+        count = len(self.viewers) + self._connections
         if count >= self.settings.viewers:
             raise RequestError(f'{count} pages look already: close one, or raise the parameter '
                                'viewers', 503)
 
-    def add_guest(self) -> None:
+    def add_connection(self) -> None:
         """Count a viewer that is not a page."""
         self.check_room()
-        self._guests += 1
+        self._connections += 1
 
-    def remove_guest(self) -> None:
+    def remove_connection(self) -> None:
         """Count the end of a viewer that is not a page."""
-        self._guests -= 1
+        self._connections -= 1
 
     def add_viewer(self, viewer: Viewer) -> None:
         """Send the state to a page from now on."""
@@ -130,36 +130,44 @@ class Hub:
 
     # Streams
 
-    async def acquire(self, name: str, original: bool = False, video: bool = False) -> Stream:
+    async def acquire(self, name: str, original: bool = False, video: bool = False,
+                      slow: bool = False) -> Stream:
         """
         Return the stream of a topic; the caller releases it.
 
         :param name: name of the topic.
         :param original: whether raw images are preferred to other ones.
-        :param video: whether the stream gets one of ``videos``, if the parameters allow it.
+        :param video: whether the method ``video`` has a source, if the parameters allow it.
+        :param slow: whether the source is for a slow link; a video topic is encoded again.
         :raises RequestError: there is no such image topic.
         """
         topic = await self._find(name)
-        key = name, topic.transport(self.settings.transport, original=original, video=video)
+        transport = topic.transport(self.settings.transport, original=original, video=video)
+        is_encoded = transport != PACKETS or slow
+        key = name, 'video' if slow and transport == PACKETS else transport
         stream = self._streams.get(key)
         if stream is None:
             stream = self._streams[key] = Stream(
                 topic.number, key, self._loop, self._pool, self._log,
-                PacketFeed if key[1] == PACKETS else Feed)
+                Feed if is_encoded else PacketFeed)
             self._calls.call(partial(self._graph.open, key, stream.feed), stream.feed.opened)
-        if video and key not in self.videos and (
-                key[1] == PACKETS or self.settings.video == 'always'):
+        if video and (key, slow) not in self._videos and (
+                transport == PACKETS or self.settings.video == 'always'):
             again = partial(open_again, self._graph, key, stream.feed)
-            self.videos[key] = video_source(
-                stream, self.settings.rate, partial(self._calls.call, again, stream.feed.opened))
+            self._videos[key, slow] = video_source(stream, self.settings.rate, partial(
+                self._calls.call, again, stream.feed.opened), slow)
         self._users[key] = self._users.get(key, 0) + 1
         return stream
+
+    def video(self, stream: Stream, slow: bool) -> VideoSource | None:
+        """Return the source of the video of a stream; None if pages get JPEGs."""
+        return self._videos.get((stream.key, slow))
 
     def release(self, stream: Stream) -> None:
         """Unsubscribe two seconds after the last user of a stream."""
         self._users[stream.key] -= 1
         if not self._users[stream.key]:
-            self._loop.call_later(_LINGER_SECONDS, self._close_unused, stream)
+            self._loop.call_later(UNUSED_SECONDS, self._close_unused, stream)
 
     def options(self, requested: ViewOptions) -> ViewOptions:
         """Return what a viewer requests, within the parameters of the node."""
@@ -202,25 +210,14 @@ class Hub:
 
     def lists(self) -> dict[str, Any]:
         """Return the topics, and the nodes that can be controlled, by the name of the message."""
-        state = self.state
-        return {'topics': [topic.as_json() for topic in state.topics.values()],
-                'more': state.more, **({'nodes': state.nodes} if state.nodes else {})}
+        return self.state.lists()
 
     def status(self, stream: Stream) -> dict[str, Any]:
         """Return the state of a stream of the protocol."""
-        feed, picture = stream.feed, stream.last_picture
         known = self.state.feeds.get(stream.key, NO_STATE)
-        width, height = picture.source_size if picture else (0, 0)
-        limits = picture.limits if picture else None
-        quiet = feed.quiet_seconds
-        return {
-            'id': stream.number, 'name': stream.name, 'width': width, 'height': height,
-            'encoding': picture.encoding if picture else '', 'rate': round(feed.rate, 1),
-            'frames': feed.frames, 'lost': known.lost, 'broken': stream.broken,
-            'encodings': stream.encodings,
-            'reason': known.reason or stream.error,
-            'range': limits and [finite(limit) for limit in limits],
-            'quiet': None if quiet is None else round(quiet, 2)}
+        limits = stream.last_picture and stream.last_picture.limits
+        return {**stream.status(), 'lost': known.lost, 'reason': known.reason or stream.error,
+                'range': limits and [finite(limit) for limit in limits]}
 
     def full_json(self) -> list[dict[str, Any]]:
         """Return the list of topics with the state of those that somebody looks at."""
@@ -263,17 +260,20 @@ class Hub:
         key = stream.key
         if self._streams.get(key) is stream and not self._users[key]:
             del self._streams[key], self._users[key]
-            self.videos.pop(key, None)
+            for slow in (False, True):
+                self._videos.pop((key, slow), None)
             self._calls.call(lambda: self._graph.close(key, stream.feed))
 
     async def _update_viewers(self) -> None:
         """Send the state to all pages once a second, while there are any."""
+        before = self.lists()
         while self.viewers:
-            before = self.lists()
             with suppress(RequestError):
                 await self.refresh()
-            changed = {name: value for name, value in self.lists().items()
-                       if value != before.get(name)}
+            # Others refresh the state as well, so it is compared with what pages have got.
+            lists = self.lists()
+            changed = {name: value for name, value in lists.items() if value != before.get(name)}
+            before = lists
             for viewer in tuple(self.viewers):
                 viewer.update(changed)
             await asyncio.sleep(_POLL_SECONDS)

@@ -24,10 +24,11 @@ import time
 from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.messages import WireVideo
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import (
-    has_parameter_sets, is_key_frame, parameter_sets, picture_size, webcodecs_name)
+    is_key_frame, picture_size, webcodecs_name)
 from opencv_tools.viewer.feed import Feed
 
 #: Transport of a subscription that receives the packets of a video topic unchanged.
@@ -60,7 +61,7 @@ class PacketReader:
     """Read the messages of a video topic, which anybody can publish."""
 
     def __init__(self) -> None:
-        self._sets: dict[str, bytes] = {}
+        self._sets = LastSets('')
         self._size = 0, 0
 
     def read(self, message: WireVideo) -> tuple[VideoPacket, str]:
@@ -75,22 +76,18 @@ class PacketReader:
         data = bytes(message.data)
         is_key, name = is_key_frame(codec, data), ''
         if is_key:
-            data = self._with_sets(codec, data)
+            if self._sets.codec != codec:
+                self._sets = LastSets(codec)
+            complete = self._sets.complete(data)
+            if complete is None:
+                raise VideoError(f'a {codec} key frame has no parameter sets: the publisher has '
+                                 'to repeat them')
+            data = complete
             name = webcodecs_name(codec, data) or ''
             self._size = _shown_size(message.size, picture_size(codec, data) or (0, 0))
         width, height = self._size
         return VideoPacket(
             codec=codec, data=data, is_key=is_key, width=width, height=height), name
-
-    def _with_sets(self, codec: str, data: bytes) -> bytes:
-        """Return a key frame with its parameter sets, which some publishers send only once."""
-        if has_parameter_sets(codec, data):
-            self._sets = {codec: parameter_sets(codec, data)}
-            return data
-        if codec not in self._sets:
-            raise VideoError(f'a {codec} key frame has no parameter sets: the publisher has to '
-                             'repeat them')
-        return self._sets[codec] + data
 
 
 class PacketFeed(Feed):

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import hashlib
 from importlib.resources import files
 
-#: Page of the viewer, and the page that asks for the token.
-INDEX, TOKEN_FORM = 'index.html', 'token.html'
+#: Page of the viewer, page of a calibration, and the page that asks for the token.
+INDEX, CALIBRATE, TOKEN_FORM = 'index.html', 'calibrate.html', 'token.html'
 
 _TYPES = {'.css': 'text/css', '.html': 'text/html', '.js': 'text/javascript',
           '.svg': 'image/svg+xml'}

@@ -25,23 +25,21 @@ import socket
 import time
 from typing import Any
 
-from opencv_tools.viewer.access import check_origin, is_same_origin
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.graph import MAX_TOPICS
 from opencv_tools.viewer.protocol import (
-    pack_frame, pack_video, parse_codecs, parse_message, parse_options, topic_of, WIDTHS)
+    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong,
+    topic_of, ViewOptions, WIDTHS)
 from opencv_tools.viewer.video_channel import VideoChannel
-from opencv_tools.viewer.web import Refusal, SiteHandler
-from tornado.websocket import WebSocketClosedError, WebSocketHandler
+from opencv_tools.viewer.video_link import VideoLink
+from opencv_tools.viewer.web import POLICY_VIOLATION, SocketHandler
+from tornado.websocket import WebSocketClosedError
 
-_MAX_BAD_MESSAGES = 10
 # Unread pictures of topics that the page has left.
 _MAX_STALE = 8
 # Requests for control that wait for the one before.
 _MAX_WAITING = 20
-_POLICY_VIOLATION = 1008
 
 _Message = dict[str, Any]
 # What each word of a page makes the control do, given the node and the message.
@@ -54,35 +52,20 @@ _CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Mes
 }
 
 
-class PageSocket(SiteHandler, WebSocketHandler):
+class PageSocket(SocketHandler):
     """Send pictures and states to a page, and read its requests."""
-
-    SUPPORTED_METHODS: Any = ('GET',)
-
-    async def prepare(self) -> None:
-        """Refuse a page without the token, a malformed origin, and more pages than allowed."""
-        await super().prepare()
-        try:
-            check_origin(self.request.headers.get('Origin', ''))
-            self.site.hub.check_room()
-        except RequestError as err:
-            raise Refusal(err) from err
-
-    def check_origin(self, origin: str) -> bool:
-        """Return whether the page is of this server."""
-        return is_same_origin(origin, self.request.headers.get('Host', ''))
 
     def open(self, *_args: str, **_options: str) -> None:  # noqa: A003
         """Send the state of the node."""
         self._channels: dict[str, Channel | VideoChannel] = {}
+        self._links: dict[str, VideoLink] = {}
         self._codecs: frozenset[str] = frozenset()
         self._sequence = 0
-        self._bad_messages = 0
         self._changed: _Message = {}
         self._sending: asyncio.Future[None] | None = None
         self._writing: dict[int, asyncio.Future[None]] = {}
         self._controlling = asyncio.Lock()
-        self._controls: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
         self._post({'hello': {
@@ -97,7 +80,7 @@ class PageSocket(SiteHandler, WebSocketHandler):
         self.site.hub.viewers.discard(self)
         for name in tuple(getattr(self, '_channels', ())):
             self._unsubscribe(name)
-        for task in tuple(getattr(self, '_controls', ())):
+        for task in tuple(getattr(self, '_tasks', ())):
             task.cancel()
 
     async def on_message(self, message: str | bytes) -> None:
@@ -109,12 +92,11 @@ class PageSocket(SiteHandler, WebSocketHandler):
         try:
             answer = await self._answer(parse_message(message))
         except RequestError as err:
-            self._bad_messages += 1
-            answer = {'error': str(err)}
+            await self._write({'error': str(err)})
+            self.add_bad_message()
+            return
         if answer:
             await self._write(answer)
-        if self._bad_messages >= _MAX_BAD_MESSAGES:
-            self.close(_POLICY_VIOLATION, 'too many messages that cannot be used')
 
     def update(self, changed: dict[str, Any]) -> None:
         """Send the state, unless the page has not read the last one."""
@@ -129,13 +111,16 @@ class PageSocket(SiteHandler, WebSocketHandler):
             self._post({'status': [
                 {**hub.status(channel.stream), **channel.status()}
                 for channel in self._channels.values()]})
+        for name, channel in tuple(self._channels.items()):
+            if isinstance(channel, VideoChannel) and channel.link.is_slow != channel.options.slow:
+                self._add_task(self._subscribe_again(name, channel.options))
 
     async def _answer(self, message: _Message) -> _Message | None:
         """Return the answer to a request."""
         if 'got' in message:
             self._acknowledge(message['got'])
         elif 'ping' in message:
-            return {'pong': message['ping'], 'now': time.time()}
+            return pong(message['ping'])
         elif 'codecs' in message:
             self._codecs = parse_codecs(message['codecs'])
         elif 'key' in message:
@@ -143,9 +128,11 @@ class PageSocket(SiteHandler, WebSocketHandler):
             if isinstance(channel, VideoChannel):
                 channel.request_key()
         elif 'subscribe' in message:
-            return await self._subscribe(message)
+            return await self._subscribe(
+                topic_of(message['subscribe']), parse_options(message))
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
+            self._links.pop(message['unsubscribe'], None)
         else:
             self._start_control(message)
         return None
@@ -154,12 +141,16 @@ class PageSocket(SiteHandler, WebSocketHandler):
         """Control a camera or a recorder, after the last request of the page."""
         kind = next((key for key in _CONTROLS if key in message), None)
         if kind is None:
-            raise RequestError('the message has no known word, such as subscribe or got')
-        if len(self._controls) >= _MAX_WAITING:
+            raise RequestError('the message has no known key, such as subscribe or got')
+        if len(self._tasks) >= _MAX_WAITING:
             raise RequestError(f'{_MAX_WAITING} requests wait for an answer: wait as well')
-        task = asyncio.ensure_future(self._control(kind, message))
-        self._controls.add(task)
-        task.add_done_callback(self._controls.discard)
+        self._add_task(self._control(kind, message))
+
+    def _add_task(self, work: Coroutine[Any, Any, None]) -> None:
+        """Start work that ends with the page."""
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     async def _control(self, kind: str, message: _Message) -> None:
         """Control a camera or a recorder; a refusal has the form of the answer."""
@@ -178,34 +169,42 @@ class PageSocket(SiteHandler, WebSocketHandler):
             raise RequestError('got is not the number of a picture')
         writing = self._writing.get(sequence)
         if writing and not writing.done():
-            self.close(_POLICY_VIOLATION, 'an answer to a picture that was not sent yet')
+            self.close(POLICY_VIOLATION, 'an answer to a picture that was not sent yet')
             return
         for channel in self._channels.values():
             if channel.answered(sequence):
                 return
 
-    async def _subscribe(self, message: _Message) -> _Message | None:
-        name = topic_of(message['subscribe'])
-        options = self.site.hub.options(parse_options(message))
-        options = replace(options, video=options.video and bool(self._codecs))
+    async def _subscribe_again(self, name: str, options: ViewOptions) -> None:
+        """Change the video of a page whose link has become slow, or is tried again."""
+        answer = await self._subscribe(name, options)
+        if answer:
+            await self._write(answer)
+
+    async def _subscribe(self, name: str, requested: ViewOptions) -> _Message | None:
+        options = self.site.hub.options(requested)
+        link = self._links.get(name) or VideoLink(asyncio.get_running_loop().time)
+        has_video = options.video and bool(self._codecs)
+        options = replace(options, video=has_video, slow=has_video and link.is_slow)
         channel = self._channels.get(name)
-        if channel and channel.options.video == options.video:
+        if channel and (channel.options.video, channel.options.slow) == (has_video, options.slow):
             channel.set_options(options)
             return None
         self._unsubscribe(name)
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
+        self._links[name] = link
         try:
-            stream = await self.site.hub.acquire(name, video=options.video)
+            stream = await self.site.hub.acquire(name, video=has_video, slow=options.slow)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
-        video = self.site.hub.videos.get(stream.key)
-        if options.video and video:
+        video = self.site.hub.video(stream, options.slow)
+        if has_video and video:
             self._channels[name] = VideoChannel(
-                video, options, self._codecs,
+                video, options, self._codecs, link=link,
                 send=lambda viewed: self._send(lambda sequence: pack_video(
                     stream.number, sequence, viewed.stamp_ns / 10**9, time.time(), viewed.packet,
                     viewed.number, viewed.name)),
@@ -229,7 +228,7 @@ class PageSocket(SiteHandler, WebSocketHandler):
         stale = _MAX_STALE + (VideoChannel.window if self._codecs else 0)
         most = sum(channel.window for channel in self._channels.values()) + stale
         if len(self._writing) >= most:
-            self.close(_POLICY_VIOLATION, 'too many pictures that the page has not read')
+            self.close(POLICY_VIOLATION, 'too many pictures that the page has not read')
             return sequence
         writing = self._start(pack(sequence), binary=True)
         if writing:

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import json
 import math
 import struct
+import time
 from typing import Any
 
 from opencv_tools.video.packet import CODECS, VideoPacket
@@ -30,6 +31,9 @@ MAX_MESSAGE_BYTES = 4096
 
 #: Widths in pixels that pictures are scaled to; few, so that viewers share encodings.
 WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
+
+#: Maximum number of topics in the list, and of those that a page looks at.
+MAX_TOPICS = 200
 
 #: Ends of the names of topics with compressed images and with video.
 COMPRESSED, VIDEOS = '/compressed', ('/ffmpeg', '/foxglove')
@@ -54,6 +58,7 @@ class ViewOptions:
     :param fixed: whether width and quality stay as they are on a slow link.
     :param limits: numbers that become black and white; None for those of each picture.
     :param video: whether packets of video are better than JPEGs.
+    :param slow: whether the link does not carry the video of the topic.
     """
 
     width: int = 0
@@ -62,6 +67,7 @@ class ViewOptions:
     fixed: bool = False
     limits: tuple[float, float] | None = None
     video: bool = False
+    slow: bool = False
 
 
 def pack_frame(topic: int, sequence: int, stamp: float, sent: float, picture: bytes) -> bytes:
@@ -132,6 +138,11 @@ def parse_codecs(names: Any) -> frozenset[str]:
             or not all(isinstance(name, str) and len(name) <= _MAX_CODEC for name in names)):
         raise RequestError('codecs is not a list of names such as h264')
     return frozenset(names) & frozenset(CODECS)
+
+
+def pong(ping: Any) -> dict[str, Any]:
+    """Return the answer to a ping of a page, with the time of this machine."""
+    return {'pong': ping, 'now': time.time()}
 
 
 def parse_message(text: str | bytes) -> dict[str, Any]:

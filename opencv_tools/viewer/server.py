@@ -29,6 +29,8 @@ from typing import Any, cast
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Log
 from opencv_tools.viewer.access import Access
+from opencv_tools.viewer.calibrate.routes import calibration_routes
+from opencv_tools.viewer.calibrate.sessions import Calibrations
 from opencv_tools.viewer.certificate import load_tls
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
@@ -38,6 +40,8 @@ from opencv_tools.viewer.page_files import read_page
 from opencv_tools.viewer.page_socket import PageSocket
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import MAX_MESSAGE_BYTES
+from opencv_tools.viewer.robot.live import LiveRobots
+from opencv_tools.viewer.robot.routes import robot_routes, with_robot_page
 from opencv_tools.viewer.token_file import read_token
 from opencv_tools.viewer.web import (
     FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
@@ -142,10 +146,13 @@ class ViewerServer:
     async def _serve(self) -> None:
         with ThreadPoolExecutor(_ENCODERS, 'encoder') as pool:
             hub = Hub(self._settings, self._graph, self._calls, pool, self._log)
-            site = Site(hub, self._access, read_page(), self._node, self._port,
-                        self._tls is not None, self._log)
+            site = Site(hub, self._access, with_robot_page(read_page()), self._node,
+                        self._port, self._tls is not None, self._log)
+            calibrations = Calibrations(hub, self._log)
+            robots = LiveRobots(hub, self._graph.robot, self._calls)
+            application = _application(site, calibrations=calibrations, robots=robots)
             server = _Server(
-                _application(site), ssl_options=self._tls and self._tls.context,
+                application, ssl_options=self._tls and self._tls.context,
                 max_header_size=_MAX_HEADER_BYTES, max_body_size=_MAX_BODY_BYTES,
                 body_timeout=_HEADER_SECONDS, idle_connection_timeout=_HEADER_SECONDS)
             server.add_sockets(self._sockets)
@@ -153,6 +160,8 @@ class ViewerServer:
             await self._end.wait()
             server.stop()
             await hub.close()
+            calibrations.close()
+            robots.close()
             with suppress(asyncio.TimeoutError):  # a request may wait for a frame
                 await asyncio.wait_for(server.close_all_connections(), _CLOSE_SECONDS)
 
@@ -184,7 +193,7 @@ class _NodeHandler(logging.Handler):
                         every=1.0, key=record.name)
 
 
-def _application(site: Site) -> Application:
+def _application(site: Site, **settings: Any) -> Application:
     keywords = {'site': site}
     return Application([
         ('/', IndexHandler, keywords),
@@ -195,9 +204,12 @@ def _application(site: Site) -> Application:
         ('/snapshot', SnapshotHandler, keywords),
         ('/stream', StreamHandler, keywords),
         ('/stream_viewer', StreamViewerHandler, keywords),
+        *calibration_routes(site),
+        *robot_routes(site),
     ], default_handler_class=UnknownHandler, default_handler_args=keywords,
-        log_function=lambda _: None, websocket_ping_interval=_PING_SECONDS,
-        websocket_ping_timeout=_PING_SECONDS, websocket_max_message_size=MAX_MESSAGE_BYTES)
+        log_function=lambda _: None, **settings,
+        websocket_ping_interval=_PING_SECONDS, websocket_ping_timeout=_PING_SECONDS,
+        websocket_max_message_size=MAX_MESSAGE_BYTES)
 
 
 def _listen(address: str, port: int) -> list[socket.socket]:

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from contextlib import suppress
 from functools import partial
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.cdr import WireMessage
@@ -85,6 +85,17 @@ class Stream:
     def error(self) -> str:
         """Return the reason why the newest frame is not shown; '' if there is none."""
         return self.feed.error or self._error
+
+    def status(self) -> dict[str, Any]:
+        """Return what the protocol tells about the pictures."""
+        feed, picture = self.feed, self.last_picture
+        width, height = picture.source_size if picture else (0, 0)
+        quiet = feed.quiet_seconds
+        return {
+            'id': self.number, 'name': self.name, 'width': width, 'height': height,
+            'encoding': picture.encoding if picture else '', 'rate': round(feed.rate, 1),
+            'frames': feed.frames, 'broken': self.broken, 'encodings': self.encodings,
+            'quiet': None if quiet is None else round(quiet, 2)}
 
     def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | str]:
         """

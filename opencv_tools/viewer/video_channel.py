@@ -16,13 +16,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from typing import Any
 
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.packets import ViewedPacket
 from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.video_link import VideoLink
 from opencv_tools.viewer.video_source import VideoSource
 
 # Seconds after which an answer is late, and after which a decoder is said to hold its pictures.
@@ -43,8 +43,7 @@ class VideoChannel:
 
     def __init__(
         self, source: VideoSource, options: ViewOptions, codecs: frozenset[str], *,
-        send: Callable[[ViewedPacket], int], refuse: Callable[[str], object],
-        clock: Callable[[], float] | None = None,
+        link: VideoLink, send: Callable[[ViewedPacket], int], refuse: Callable[[str], object],
     ) -> None:
         """
         Create a channel and send the packets since the last key frame.
@@ -52,17 +51,19 @@ class VideoChannel:
         :param source: source of the packets.
         :param options: what the viewer requests.
         :param codecs: codecs that the page decodes.
+        :param link: link to the page.
         :param send: sends a packet and returns its sequence number.
         :param refuse: called with the reason why there is no video, after which nothing is sent.
-        :param clock: monotonic clock in seconds; None for that of the loop.
         """
         self.stream = source.stream
         self.options = options
         self._source = source
         self._codecs = codecs
+        #: Link to the page.
+        self.link = link
         self._send = send
         self._refuse = refuse
-        self._clock = clock or asyncio.get_running_loop().time
+        self._clock = link.clock
         self._unanswered: dict[int, tuple[float, int]] = {}
         self._sent = RateMeter(self._clock)
         self._last: ViewedPacket | None = None
@@ -107,6 +108,8 @@ class VideoChannel:
             self.refuse(f'this browser cannot decode {packet.codec}')
             return
         if not self.is_ready or (self._needs_key and not packet.is_key):
+            if not self._needs_key:
+                self.link.fell_behind()
             self._needs_key = True
             self._skipped += 1
             return
@@ -132,7 +135,7 @@ class VideoChannel:
             packet = self._last.packet
             sent = {'width': packet.width, 'height': packet.height, 'video': packet.codec,
                     'rate': round(self._sent.rate, 1), 'bytes': len(packet.data),
-                    'skipped': self._skipped}
+                    'skipped': self._skipped, 'slow': self.options.slow}
         return {'sent': sent, 'link': None}
 
     def _is_late(self) -> bool:

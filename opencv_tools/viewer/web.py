@@ -17,30 +17,30 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
-from opencv_tools.viewer.access import Access
+from opencv_tools.sending import SendingHandler
+from opencv_tools.viewer.access import Access, check_origin, is_same_origin
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
-from opencv_tools.viewer.page_files import INDEX, PageFile, TOKEN_FORM
-from tornado.iostream import StreamClosedError
-from tornado.web import HTTPError, RequestHandler
+from opencv_tools.viewer.page_files import CALIBRATE, INDEX, PageFile, TOKEN_FORM
+from tornado.web import HTTPError
+from tornado.websocket import WebSocketHandler
 
 _MESSAGES = {404: 'there is no such page', 405: 'only GET and HEAD are allowed'}
 # Time until a wrong token is refused, so that nobody can try many.
 _REFUSAL_SECONDS = 1.0
 _LOG_SECONDS = 10.0
-# Time in which an answer, or a part of it, must have been taken by the network.
-_TAKEN_SECONDS = 30.0
-_WEBSOCKET = 101  # status of an answer after which the connection is a WebSocket
 _COOKIE_SECONDS = 90 * 24 * 3600
+# Status of WebSockets.
+POLICY_VIOLATION, _TRY_AGAIN = 1008, 1013
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
-    "connect-src 'self' ws://{host} wss://{host}; form-action 'self'; "
+    "connect-src 'self' ws://{host} wss://{host}; form-action 'self'; frame-src 'self'; "
     "base-uri 'none'; frame-ancestors 'none'")
 # Policy of texts.
 _NO_POLICY = "default-src 'none'; frame-ancestors 'none'"
@@ -83,11 +83,12 @@ class Refusal(HTTPError):
         self.message = str(err)
 
 
-class SiteHandler(RequestHandler):
+class SiteHandler(SendingHandler):
     """A handler that checks the host and the token of each request."""
 
     site: Site
     needs_token = True
+    policy = _POLICY
 
     def initialize(self, site: Site) -> None:
         """Store the site."""
@@ -98,7 +99,7 @@ class SiteHandler(RequestHandler):
         host = self.request.headers.get('Host', '')
         try:
             self.site.access.check_host(host)
-            self.set_header('Content-Security-Policy', _POLICY.format(host=host))
+            self.set_header('Content-Security-Policy', self.policy.format(host=host))
             if self.needs_token:
                 await self.check_token()
         except RequestError as err:
@@ -140,10 +141,6 @@ class SiteHandler(RequestHandler):
                             secure=self.site.is_secure,
                             max_age=_COOKIE_SECONDS if self.site.access.is_kept else None)
 
-    def head(self, *names: str) -> Awaitable[None] | None:
-        """Write the header that GET writes."""
-        return self.get(*names)
-
     def set_default_headers(self) -> None:
         """Set the headers that protect the page."""
         self.clear_header('Server')
@@ -160,27 +157,6 @@ class SiteHandler(RequestHandler):
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(f'{printable(message, 1000)}\n')
 
-    def finish(
-        self, chunk: str | bytes | dict[str, Any] | None = None,
-    ) -> asyncio.Future[Any]:
-        """Write the rest of the answer, and close the connection if nobody reads it."""
-        writing = super().finish(chunk)
-        if self.get_status() == _WEBSOCKET:
-            return writing
-        return asyncio.ensure_future(self.is_taken(writing))
-
-    async def is_taken(self, writing: asyncio.Future[None]) -> bool:
-        """Return whether the network takes what is written in time; else close the connection."""
-        try:
-            await asyncio.wait_for(writing, _TAKEN_SECONDS)
-        except (StreamClosedError, asyncio.TimeoutError):
-            cast(Any, self.request.connection).close()  # detached, a finished answer would fail
-            return False
-        return True
-
-    def compute_etag(self) -> None:
-        """Compute no hash of pictures, which are never asked for again."""
-
     def write_file(self, file: PageFile) -> None:
         """Write a file of the page."""
         self.set_header('Content-Type', file.content_type)
@@ -191,6 +167,57 @@ class SiteHandler(RequestHandler):
             self.finish()
         else:
             self.finish(file.content)
+
+
+class SocketHandler(SiteHandler, WebSocketHandler):
+    """A WebSocket for the pages of this server, within the number of pages."""
+
+    SUPPORTED_METHODS: Any = ('GET',)
+    most_bad_messages = 10
+
+    def initialize(self, site: Site) -> None:
+        """Store the site."""
+        super().initialize(site)
+        self._bad_messages = 0
+        self._is_counted = False
+
+    async def prepare(self) -> None:
+        """Refuse a page without the token, a malformed origin, and more pages than allowed."""
+        await super().prepare()
+        try:
+            check_origin(self.request.headers.get('Origin', ''))
+            self.site.hub.check_room()
+        except RequestError as err:
+            raise Refusal(err) from err
+
+    def check_origin(self, origin: str) -> bool:
+        """Return whether the page is of this server."""
+        return is_same_origin(origin, self.request.headers.get('Host', ''))
+
+    def count(self) -> None:
+        """
+        Count the page as a viewer, until it is closed.
+
+        :raises RequestError: there are too many.
+        """
+        self.site.hub.add_connection()
+        self._is_counted = True
+
+    def on_close(self) -> None:
+        """Count the page no longer."""
+        if self._is_counted:
+            self._is_counted = False
+            self.site.hub.remove_connection()
+
+    def try_again(self, err: RequestError) -> None:
+        """Close the connection, which the page may open again; the reason has 120 bytes."""
+        self.close(_TRY_AGAIN, str(err).encode()[:120].decode(errors='ignore'))
+
+    def add_bad_message(self) -> None:
+        """Count a message that cannot be used, and close the connection if there are many."""
+        self._bad_messages += 1
+        if self._bad_messages >= self.most_bad_messages:
+            self.close(POLICY_VIOLATION, 'too many messages that cannot be used')
 
 
 class UnknownHandler(SiteHandler):
@@ -206,6 +233,7 @@ class IndexHandler(SiteHandler):
     """The page, and the form for the token."""
 
     needs_token = False
+    page_name = INDEX
 
     async def get(self) -> None:
         """Write the page, and keep a token of the URL in a cookie."""
@@ -218,7 +246,7 @@ class IndexHandler(SiteHandler):
             self._write_page(TOKEN_FORM)
             return
         self.keep_token()
-        self._write_page(INDEX)
+        self._write_page(self.page_name)
 
     def _write_page(self, name: str) -> None:
         file = self.site.page[name]
@@ -234,7 +262,7 @@ class FileHandler(SiteHandler):
     def get(self, name: str) -> None:
         """Write the file."""
         file = self.site.page.get(name)
-        if file is None or name in (INDEX, TOKEN_FORM):
+        if file is None or name in (INDEX, CALIBRATE, TOKEN_FORM):
             raise HTTPError(404)
         self.write_file(file)
 

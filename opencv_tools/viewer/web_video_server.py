@@ -64,7 +64,7 @@ class StreamingHandler(SiteHandler):
         hub = self.site.hub
         try:
             name = topic_of(self.get_query_argument('topic', None))
-            hub.add_guest()
+            hub.add_connection()
         except RequestError as err:
             raise Refusal(err) from err
         try:
@@ -76,7 +76,7 @@ class StreamingHandler(SiteHandler):
         except RequestError as err:
             raise Refusal(err) from err
         finally:
-            hub.remove_guest()
+            hub.remove_connection()
 
     def picture_options(self) -> PictureOptions:
         """

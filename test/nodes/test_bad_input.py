@@ -71,8 +71,17 @@ PUBLISHER = {
                      'parameter max_frames is 1.5: give a whole number'),
     'unknown end': (BAD_USAGE, {'source': 'pattern', 'on_end': 'explode'},
                     "parameter on_end is 'explode': give one of 'stop', 'loop', 'hold'"),
-    'unknown pixel format': (BAD_USAGE, {'fourcc': 'H264'},
-                             "parameter fourcc is 'H264': give a supported pixel format: BGR3"),
+    'unknown pixel format': (BAD_USAGE, {'fourcc': 'HEVC'},
+                             "parameter fourcc is 'HEVC': give a supported pixel format: BGR3"),
+    'an encoder that FFmpeg lacks': (
+        BAD_USAGE, {'source': 'pattern', 'video_codec': 'foo'},
+        "parameter video_codec is 'foo': the installed PyAV has no such encoder; give"),
+    'an encoder of pictures': (
+        BAD_USAGE, {'source': 'pattern', 'video_codec': 'png'},
+        "parameter video_codec is 'png', an encoder for other videos: give one for h264"),
+    'a preset of another encoder': (
+        BAD_USAGE, {'source': 'pattern', 'video_preset': 'p3'},
+        "parameter video_preset is 'p3': give ultrafast or superfast"),
     'a start after the stop': (
         BAD_USAGE, {'source': 'pattern', 'start_frame': 5, 'stop_frame': 5},
         'parameter start_frame is 5, which is not before stop_frame 5: give a smaller'),
@@ -204,6 +213,7 @@ def test_refused_arguments(run: Run, name: str, case: str) -> None:
     check_refusal(output, *texts)
 
 
+@pytest.mark.fresh
 @pytest.mark.parametrize(('name', 'case'), IN_A_PROCESS)
 def test_exit_of_a_refusing_process(start: Start, files: None, name: str, case: str) -> None:
     status, parameters, *texts = CASES[name][case]

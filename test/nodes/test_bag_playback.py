@@ -286,7 +286,7 @@ def test_remedy_for_frames_that_have_no_colours(
 
 @pytest.mark.parametrize(('parameters', 'status', 'reason'), [
     ({'source': 'two.mcap'}, 1, 'two.mcap has 2 topics of images; set bag_topic, or --topic of '
-     'img_convert, to one of /camera/image_raw (sensor_msgs/msg/Image, 1 messages), /depth'),
+     'the command, to one of /camera/image_raw (sensor_msgs/msg/Image, 1 messages), /depth'),
     ({'source': 'two.mcap', 'bag_topic': '/none'}, 1, 'has no topic /none of images'),
     ({'source': 'none.mcap'}, 1, 'none.mcap cannot be opened: No such file'),
     ({'source': 'text.mcap'}, 1, 'text.mcap is not an MCAP file'),

@@ -139,9 +139,15 @@ def test_camera_info_of_each_image(
     images, infos = receive(node, Image, 'video_frames'), receive(node, CameraInfo, 'camera_info')
     publisher = start('img_publisher', source=f'pattern:{size}', publish_rate=50,
                       camera_info_url=f'file://{tmp_path}/${{NAME}}.yaml', camera_name='front')
-    spin_until(node, lambda: len(images) > 5 and len(infos) > 5)
+
+    def paired() -> list[Image]:
+        """Return the images since both topics are discovered, up to the newest calibration."""
+        return [image for image in images if infos
+                and nanoseconds(infos[0]) <= nanoseconds(image) <= nanoseconds(infos[-1])]
+
+    spin_until(node, lambda: len(paired()) > 4)
     stamps = {nanoseconds(info): info for info in infos}
-    for image in images[1:5]:
+    for image in paired():
         info = stamps[nanoseconds(image)]
         assert info.header == image.header
         assert (info.width, info.height) == (image.width, image.height)
@@ -174,8 +180,14 @@ def test_saved_calibration(
 def test_refused_calibration(
         start: Start, node: Node, tmp_path: Path) -> None:
     start('img_publisher', source='pattern', camera_info_url='file:///proc/none/front.yaml')
+    info = CameraInfo(width=64, height=48, distortion_model='plumb_bob')
+    answer = call_service(
+        node, SetCameraInfo, '/set_camera_info', SetCameraInfo.Request(camera_info=info))
+    assert not answer.success
+    assert answer.status_message.startswith('the camera_info has no calibration')
+    (tmp_path / 'sent.yaml').write_text(CALIBRATION)
     answer = call_service(node, SetCameraInfo, '/set_camera_info', SetCameraInfo.Request(
-        camera_info=CameraInfo(width=64, height=48, distortion_model='plumb_bob')))
+        camera_info=read_camera_info(tmp_path / 'sent.yaml')))
     assert not answer.success
     assert '/proc/none/front.yaml cannot be written' in answer.status_message
 
@@ -294,7 +306,7 @@ REFUSED = (
     ('source', 'pattern:8x8', 'read-only'), ('camera_info_url', '/x', 'read-only'),
     ('rotate', 91, 'give one of 0, 90, 180, 270'),
     ('encoding', 'bgr9', "parameter encoding is 'bgr9'"),
-    ('fourcc', 'H264', 'give a supported pixel format'), ('jpeg_quality', 0, 'out of range'),
+    ('fourcc', 'HEVC', 'give a supported pixel format'), ('jpeg_quality', 0, 'out of range'),
     ('publish_rate', 2000, 'out of range'), ('publish_rate', '5', 'Wrong parameter type'),
     ('publish_rat', 5.0, 'unknown parameter publish_rat is not used; did you mean publish_rate?'))
 

@@ -36,6 +36,8 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from sending import create_publisher, send, stamped
 
+pytestmark = pytest.mark.fresh
+
 Start = Callable[..., NodeProcess]
 IGNORING_SIGHUP = ('sh', '-c', 'trap "" HUP && exec "$0" "$@"')
 SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -300,9 +300,9 @@ def test_answer_to_a_picture_that_is_not_sent(
         await camera.seen()
         camera.publish_compressed(large_jpeg)
         await quick.picture()
-        await paused.begin_of()
+        await quick.read_until(paused.begin_of())
         paused.send(got=1)
-        await paused.end()
+        await quick.read_until(paused.end())
         camera.publish_compressed(large_jpeg)
         assert (await quick.picture()).stamp == 2
 

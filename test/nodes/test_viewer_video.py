@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 import itertools
 from typing import Any
 
@@ -29,6 +30,7 @@ from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.video.messages import (
     COMPRESSED_VIDEO, FFMPEG_PACKET, video_to_cdr, VIDEO_TOPICS)
+from opencv_tools.video.numbered_decoder import NumberedDecoder
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import webcodecs_name
 from opencv_tools.viewer.protocol import unpack_video
@@ -160,6 +162,46 @@ def test_new_subscription_for_a_key_frame(viewer: NodeProcess, node: Node) -> No
         order = itertools.cycle((sent[1], sent[0]))
         assert (await publishing(lambda: camera.publish(next(order)), packet_of(page)))[4]
 
+    run_page(look())
+
+
+def test_page_that_falls_behind_twice_gets_smaller_video(
+        viewer: NodeProcess, node: Node) -> None:
+    camera, order = Packets(node, '/front'), itertools.cycle(packets('h264'))
+
+    async def publish() -> None:
+        while True:
+            camera.publish(next(order))
+            await asyncio.sleep(0.02)
+
+    async def fall_behind(page: Page) -> None:
+        """Answer nothing until the page gets nothing, then answer everything."""
+        last = await packet_of(page, answers=False)
+        with suppress(asyncio.TimeoutError):
+            while True:
+                last = await asyncio.wait_for(packet_of(page, answers=False), 0.4)
+        await page.send(got=last[1])
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/front')
+        await page.send(codecs=['h264'])
+        await page.send(subscribe='/front', video=True)
+        await camera.seen()
+        publishing_packets = asyncio.ensure_future(publish())
+        await fall_behind(page)
+        await fall_behind(page)
+        await page.status(lambda state: state['sent'] and state['sent']['slow'])
+        decoder, received = NumberedDecoder(), await packet_of(page)
+        while not received[4]:
+            received = await packet_of(page)
+        for _ in range(10):  # other packets than those of the topic, of the same pictures
+            assert received[8] not in sent
+            assert decoder.decode('h264', received[8], received[6]).shape == (120, 160, 3)
+            received = await packet_of(page)
+        publishing_packets.cancel()
+
+    sent = {packet.data for packet in packets('h264')}
     run_page(look())
 
 

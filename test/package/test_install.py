@@ -30,8 +30,9 @@ import pytest
 import yaml
 
 
-EXECUTABLES = ['img_convert', 'img_filter', 'img_publisher', 'img_subscriber', 'img_viewer',
-               'robot_compare', 'robot_frames', 'sdf_to_urdf', 'urdf_to_sdf']
+EXECUTABLES = ['img_calibrate', 'img_convert', 'img_filter', 'img_publisher', 'img_subscriber',
+               'img_viewer', 'robot_compare', 'robot_frames', 'robot_view', 'sdf_to_urdf',
+               'urdf_to_sdf']
 
 
 @pytest.fixture
@@ -122,7 +123,7 @@ def test_config_files_have_valid_parameters(
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('command', ['robot_compare', 'robot_frames', 'sdf_to_urdf',
+@pytest.mark.parametrize('command', ['robot_compare', 'robot_frames', 'robot_view', 'sdf_to_urdf',
                                      'urdf_to_sdf'])
 def test_robot_commands_run_as_a_module(command: str) -> None:
     finished = subprocess.run(

@@ -29,6 +29,7 @@ from threading import Thread
 import time
 
 from conftest import created_segments, DEADLINE, is_fastdds
+from prepared import programs
 
 _COLOUR = re.compile('\x1b\\[[0-9;]*m')
 _SHARED_FILE = re.compile(r'/dev/shm/\S*(?:fast(?:rtps|dds)_[0-9a-f]{16}|opencv_tools_\S+)')
@@ -73,7 +74,9 @@ class Child:
         self._terminal = -1
         if on_terminal:
             self._terminal, slave = pty.openpty()
-            self._process = subprocess.Popen(
+            self._process = programs().start(
+                command, folder, stdin=slave, output=slave, is_terminal=True,
+            ) or subprocess.Popen(
                 ['setsid', '--ctty', *command], stdin=slave, stdout=slave, stderr=slave,
                 cwd=folder)
             os.close(slave)
@@ -81,7 +84,9 @@ class Child:
             self._copier.start()
         else:
             with self._console.open('w') as console:
-                self._process = subprocess.Popen(
+                self._process = programs().start(
+                    command, folder, stdin=subprocess.PIPE, output=console.fileno(),
+                ) or subprocess.Popen(
                     command, stdin=subprocess.PIPE, stdout=console, stderr=subprocess.STDOUT,
                     cwd=folder)
 

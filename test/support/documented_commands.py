@@ -26,6 +26,7 @@ import shlex
 from documentation import ROOT
 from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
+from opencv_tools.calibration.cli import main as img_calibrate
 from opencv_tools.convert.cli import main as img_convert
 from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.robot import cli
@@ -39,8 +40,9 @@ PARAMETERS = {'img_publisher': basic_image_publisher.PARAMETERS,
 NODES = {'/image_publisher': 'img_publisher', '/image_subscriber': 'img_subscriber',
          '/image_filter': 'img_filter', '/image_viewer': 'img_viewer'}
 #: Commands without ROS, by name.
-COMMANDS = {'img_convert': img_convert, 'robot_compare': cli.robot_compare,
-            'robot_frames': cli.robot_frames, 'sdf_to_urdf': cli.sdf_to_urdf,
+COMMANDS = {'img_calibrate': img_calibrate, 'img_convert': img_convert,
+            'robot_compare': cli.robot_compare, 'robot_frames': cli.robot_frames,
+            'robot_view': cli.robot_view, 'sdf_to_urdf': cli.sdf_to_urdf,
             'urdf_to_sdf': cli.urdf_to_sdf}
 LAUNCH_FILES = {path.name: path.read_text() for path in (ROOT / 'launch').glob('*.launch.py')}
 _MAKEFILE = (ROOT / 'Makefile').read_text().replace('\\\n', '')

@@ -30,15 +30,15 @@ _KEEPER = """
 mount -t tmpfs -o size="$1" tmpfs /dev/shm && ip link set lo up && echo ready && exec cat
 """
 
-# What netem would do, which not every kernel has. One of a thousand is lost as it comes in, of
+# What netem would do, which not every kernel has. A part of a thousand is lost as it comes in, of
 # datagrams or of the packets that a large one travels in.
-LOSSES = {
-    'datagrams': 'table inet faults { counter lost { }; chain in { type filter hook input '
-                 f'priority 0; iifname {INTERFACE} numgen random mod 1000 0 '
-                 'counter name lost drop; }; }',
-    'packets': 'table inet faults { counter lost { }; chain in { type filter hook ingress '
-               f'device {INTERFACE} priority 0; numgen random mod 1000 0 '
-               'counter name lost drop; }; }',
+_LOSSES = {
+    'datagrams': 'table inet faults {{ counter lost {{ }}; chain in {{ type filter hook input '
+                 'priority 0; iifname {interface} numgen random mod 1000 < {lost} '
+                 'counter name lost drop; }}; }}',
+    'packets': 'table inet faults {{ counter lost {{ }}; chain in {{ type filter hook ingress '
+               'device {interface} priority 0; numgen random mod 1000 < {lost} '
+               'counter name lost drop; }}; }}',
 }
 
 
@@ -84,6 +84,10 @@ class Host:
         """Drop packets as rules of nftables say."""
         self.run('nft', '-f', '-', text=rules)
 
+    def lose(self, unit: str, per_thousand: int = 1) -> None:
+        """Drop a random part of what comes out of the cable: ``datagrams`` or ``packets``."""
+        self.apply_rules(_LOSSES[unit].format(interface=INTERFACE, lost=per_thousand))
+
     def connect(self) -> None:
         """Connect the link, the only route of the host."""
         self.run('ip', 'link', 'set', INTERFACE, 'up')
@@ -100,7 +104,7 @@ class Host:
         return int(shown['stats64']['tx']['bytes'])
 
     def lost(self) -> int:
-        """Count what came out of the cable and was dropped by ``LOSSES``."""
+        """Count what came out of the cable and was dropped by ``lose``."""
         listed = json.loads(self.run('nft', '--json', 'list', 'counter', 'inet', 'faults', 'lost'))
         return sum(entry['counter']['packets'] for entry in listed['nftables']
                    if 'counter' in entry)
@@ -143,13 +147,14 @@ def linked_hosts(rate: str, burst: str, latency: str) -> Iterator[tuple[Host, Ho
 
 
 @contextmanager
-def two_hosts(loss: str) -> Iterator[tuple[Host, Host]]:
+def two_hosts(loss: str, per_thousand: int = 1) -> Iterator[tuple[Host, Host]]:
     """
-    Create two hosts with a link of 100 Mbit/s that loses one in a thousand.
+    Create two hosts with a link of 100 Mbit/s that loses a part.
 
-    :param loss: lost units, a key of ``LOSSES``.
+    :param loss: lost units, ``datagrams`` or ``packets``.
+    :param per_thousand: number of lost units in a thousand.
     """
     with linked_hosts('100mbit', '128kb', '100ms') as hosts:
         for host in hosts:
-            host.apply_rules(LOSSES[loss])
+            host.lose(loss, per_thousand)
         yield hosts

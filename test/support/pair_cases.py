@@ -115,8 +115,10 @@ class Case:
 
     @property
     def may_replace_first(self) -> bool:
-        """Return whether frames before the first one of the callback may count as replaced."""
-        return self.receiver == 'threaded' or self.camera_info == 'with'
+        """Return whether frames before the first one of the callback may count as missing."""
+        # A late receiver of video may get a packet before its key frame.
+        is_late_video = self.way == 'video' and self.joins == 'late'
+        return self.receiver == 'threaded' or self.camera_info == 'with' or is_late_video
 
     @property
     def may_replace_last(self) -> bool:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 import itertools
 import random
 
@@ -55,16 +56,28 @@ def covering_array(
     :param also: further parts that must occur.
     """
     chance = random.Random(seed)
-    parts_of = [parts(combination, strength) for combination in allowed]
-    missing = set().union(*parts_of)
+    rows = [sorted(combination.items()) for combination in allowed]
+    missing = sorted({part for columns in itertools.combinations(zip(*rows), strength)
+                      for part in set(zip(*columns))})
+    indexes = _indexes(allowed)
+    parts_of = cache(lambda index: {*itertools.combinations(rows[index], strength)})
     wanted = list(also)
     array: list[Combination] = []
     while wanted or missing:
-        part = wanted.pop() if wanted else chance.choice(sorted(missing))
-        having = [index for index, combination in enumerate(allowed)
-                  if set(part) <= combination.items()]
+        part = wanted.pop() if wanted else chance.choice(missing)
+        having = sorted(set.intersection(*(indexes[value] for value in part)))
         candidates = chance.sample(having, min(_CANDIDATES, len(having)))
-        best = max(candidates, key=lambda index: len(parts_of[index] & missing))
-        missing -= parts_of[best]
+        remaining = set(missing)
+        best = max(candidates, key=lambda index: len(parts_of(index) & remaining))
+        missing = [part for part in missing if part not in parts_of(best)]
         array.append(allowed[best])
     return array
+
+
+def _indexes(combinations: Iterable[Combination]) -> dict[tuple[str, str], set[int]]:
+    """Return the indexes of the combinations that have a value."""
+    found: dict[tuple[str, str], set[int]] = {}
+    for index, combination in enumerate(combinations):
+        for value in combination.items():
+            found.setdefault(value, set()).add(index)
+    return found

@@ -106,6 +106,13 @@ class Page:
                 if condition(state):
                     return state
 
+    async def read_until(self, work: Coroutine[Any, Any, object]) -> None:
+        """Read texts until other work is done; a page that reads nothing answers no ping."""
+        task = asyncio.ensure_future(work)
+        while not task.done():
+            await self.text('status')
+        await task
+
     async def close_code(self) -> int | None:
         """Read until the server closes the connection."""
         while await asyncio.wait_for(self.socket.read_message(), DEADLINE) is not None:

@@ -36,7 +36,7 @@ NAMES = [line.partition(' = ')[0] for line in LINES]
 
 
 def test_entry_points_of_the_package() -> None:
-    assert len(NAMES) == 9
+    assert len(NAMES) == 11
     assert [f'{name} = opencv_tools.commands:{name}' for name in NAMES] == LINES
     assert all(callable(getattr(opencv_tools.commands, name)) for name in NAMES)
 

@@ -24,7 +24,8 @@ from pathlib import Path
 
 import numpy as np
 from opencv_tools.regular_files import (
-    open_regular, read_regular, RefusedFileError, replace_file, write_buffer, write_new)
+    open_regular, open_resolved, read_opened, read_regular, RefusedFileError, replace_file,
+    write_buffer, write_new)
 import pytest
 from special_files import KINDS
 
@@ -88,6 +89,19 @@ def test_refused_links(tmp_path: Path, target: str) -> None:
     with pytest.raises(RefusedFileError, match='link is a symbolic link'):
         replace_file(link, b'new')
     assert not (tmp_path / 'missing').exists()
+
+
+@pytest.mark.parametrize('replaced', ['folder/file', 'folder'])
+def test_resolved_path_that_becomes_a_link(replaced: str, tmp_path: Path) -> None:
+    for name in ('folder', 'other'):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / 'file').write_text(name)
+    path = (tmp_path / 'folder' / 'file').resolve()
+    assert read_opened(open_resolved(path), path, LIMIT) == b'folder'
+    (tmp_path / replaced).rename(tmp_path / 'old')
+    (tmp_path / replaced).symlink_to(str(tmp_path / replaced).replace('folder', 'other'))
+    with pytest.raises(OSError, match='link'):
+        open_resolved(path)
 
 
 def test_link_followed_on_request(tmp_path: Path) -> None:

@@ -68,6 +68,15 @@ class Backlog:
         """End all waits."""
         self._stopped.set()
 
+    def watch(self, publishers: Iterable[Publisher]) -> None:
+        """Wait for the subscribers of more publishers."""
+        self._unconfirmed.update(dict.fromkeys(publishers, 0))
+
+    def forget(self, publishers: Iterable[Publisher]) -> None:
+        """Wait no longer for the subscribers of some publishers."""
+        for publisher in publishers:
+            del self._unconfirmed[publisher]
+
     def add(self, publisher: Publisher) -> None:
         """Count a published message."""
         self._unconfirmed[publisher] += 1

@@ -12,58 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Calibration files in the YAML format of camera_calibration_parsers."""
+"""Calibration files as CameraInfo."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-import math
-import os
+from dataclasses import asdict
 from pathlib import Path
-import re
-import reprlib
-from typing import Any, TypeVar
 
-from opencv_tools.regular_files import read_regular, RefusedFileError, replace_file
+from opencv_tools.calibration.camera_file import (
+    CameraInfoError, check_camera_name, read_camera, Region, StoredCamera, write_camera)
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
-import yaml
 
-_T = TypeVar('_T')
-
-_UINT32_MAX = 2**32 - 1
-# Boolean words of YAML 1.1, each also capitalised and in capitals.
-_BOOLEANS = {form(word): truth for truth, words in (
-    (True, ('y', 'yes', 'true', 'on')), (False, ('n', 'no', 'false', 'off')))
-    for word in words for form in (str.lower, str.capitalize, str.upper)}
-
-# Maximum size of a file; a calibration has less than 2 KB.
-_FILE_BYTES = 1 << 16
-_DEFAULT_MODEL = 'plumb_bob'
-_MODEL = re.compile('[A-Za-z0-9_]{0,64}')
-_NAME = re.compile('[A-Za-z0-9_.-]{1,128}')
-
-# Field of the message, rows and columns by key of the file. Distortion has any size.
-_MATRICES = {
-    'camera_matrix': ('k', 3, 3),
-    'distortion_coefficients': ('d', None, None),
-    'rectification_matrix': ('r', 3, 3),
-    'projection_matrix': ('p', 3, 4),
-}
-
-
-class CameraInfoError(ValueError):
-    """A calibration cannot be used; the message names the file, the problem and the remedy."""
-
-
-def check_camera_name(name: str) -> None:
-    """
-    Check that a camera name can be part of a path.
-
-    :raises ValueError: it cannot.
-    """
-    if not _NAME.fullmatch(name) or not name.strip('.'):
-        raise ValueError("give up to 128 letters, digits, '_', '-' and '.'")
+__all__ = ['CameraInfoError', 'check_camera_name', 'read_camera_info', 'write_camera_info']
 
 
 def read_camera_info(
@@ -77,12 +38,8 @@ def read_camera_info(
     :returns: the calibration, with an empty header.
     :raises CameraInfoError: the file cannot be read or has another format.
     """
-    try:
-        content = read_regular(path, _FILE_BYTES)
-    except (OSError, ValueError) as err:  # ValueError: the path contains a null character
-        raise CameraInfoError(f'{path} cannot be read: {getattr(err, "strerror", err)}; calibrate '
-                              'the camera with camera_calibration, or give another URL') from err
-    return _parse(content, path, warn)
+    fields = asdict(read_camera(path, warn))
+    return CameraInfo(**{**fields, 'roi': RegionOfInterest(**fields['roi'])})
 
 
 def write_camera_info(
@@ -100,143 +57,10 @@ def write_camera_info(
     :raises CameraInfoError: the calibration is invalid, the existing file is not a calibration,
         or the file cannot be written.
     """
-    try:
-        check_camera_name(name)
-    except ValueError as err:
-        raise CameraInfoError(f'the name of the camera is {name!r:.80}: {err}') from err
-    content = yaml.safe_dump(
-        _describe(info, name), sort_keys=False, default_flow_style=None, width=math.inf).encode()
-    if len(content) > _FILE_BYTES:
-        raise CameraInfoError(f'the calibration has {len(content)} bytes: '
-                              f'give a calibration of at most {_FILE_BYTES} bytes')
-    _parse(content, path)
-    try:
-        if os.path.lexists(path):
-            _check_replaceable(path)
-        elif ros_home and '..' not in path.parts and path.is_relative_to(ros_home):
-            path.parent.mkdir(parents=True, exist_ok=True)
-        replace_file(path, content)
-    except CameraInfoError:
-        raise
-    except (OSError, ValueError) as err:
-        remedy = 'make its folder' if isinstance(err, FileNotFoundError) else 'make it writable'
-        raise CameraInfoError(f'{path} cannot be written: {getattr(err, "strerror", err)}; '
-                              f'{remedy}, or give another URL') from err
-
-
-def _check_replaceable(path: Path) -> None:
-    """Check that an existing file is a calibration; other files must not be replaced."""
-    try:
-        _parse(read_regular(path, _FILE_BYTES, follow=False), path)
-    except (CameraInfoError, RefusedFileError) as err:
-        reason = getattr(err, 'strerror', 'the existing file is not a calibration')
-        raise CameraInfoError(f'{path} cannot be written: {reason}; '
-                              'remove it, or give another URL') from err
-
-
-@dataclass(frozen=True)
-class _Document:
-    """The content of a file; errors name the file and the key."""
-
-    path: Path
-    root: Any
-
-    def get(
-        self, key: str, convert: Callable[[Any], _T], expected: str, default: str | None = None,
-    ) -> _T:
-        value = self.root
-        for part in key.split('.'):
-            value = value.get(part, default) if isinstance(value, dict) else None
-        try:
-            return convert(value)
-        except (KeyError, TypeError, ValueError) as err:
-            found = 'missing' if value is None else reprlib.repr(value)
-            raise CameraInfoError(f'{self.path}: {key} is {found}: give {expected}') from err
-
-    def whole(
-        self, key: str, lowest: int = 0, highest: int = _UINT32_MAX, default: str | None = None,
-    ) -> int:
-        def _convert(value: Any) -> int:
-            number = int(value, 16) if str(value)[:2].lower() == '0x' else int(value)
-            if not lowest <= number <= highest:
-                raise ValueError
-            return number
-
-        expected = (f'a whole number from {lowest} to {highest}' if lowest < highest
-                    else str(lowest))
-        return self.get(key, _convert, expected, default)
-
-    def matrix(self, key: str, rows: int | None, cols: int | None) -> list[float]:
-        size = 1
-        for side, count in ((f'{key}.rows', rows), (f'{key}.cols', cols)):
-            size *= self.whole(side) if count is None else self.whole(side, count, count)
-
-        def _convert(data: Any) -> list[float]:
-            if not isinstance(data, list) or len(data) != size:
-                raise TypeError
-            numbers = [float(number) for number in data]
-            if not all(map(math.isfinite, numbers)):
-                raise ValueError
-            return numbers
-
-        return self.get(f'{key}.data', _convert, f'a list of {size} finite numbers')
-
-
-def _parse(
-    content: bytes, path: Path, warn: Callable[[str], object] = lambda _: None,
-) -> CameraInfo:
-    try:
-        # BaseLoader returns every scalar as text, like yaml-cpp. yaml.safe_load does not read
-        # 1e-05, which yaml-cpp writes, as a number.
-        document = _Document(path, yaml.load(content, yaml.BaseLoader))
-    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as err:
-        mark = getattr(err, 'problem_mark', None)
-        line = f' in line {mark.line + 1}' if mark else ''
-        raise CameraInfoError(
-            f'{path} is not YAML{line}: give the file that camera_calibration writes') from err
-    info = CameraInfo(
-        width=document.whole('image_width', 1), height=document.whole('image_height', 1),
-        distortion_model=document.get(
-            'distortion_model', _check_model, 'a text like plumb_bob', _DEFAULT_MODEL),
-        binning_x=document.whole('binning_x', default='0'),
-        binning_y=document.whole('binning_y', default='0'),
-        **{field: document.matrix(key, *size) for key, (field, *size) in _MATRICES.items()})
-    if 'distortion_model' not in document.root:
-        warn(f'{path} has no distortion_model: {_DEFAULT_MODEL} is assumed')
-    if 'roi' in document.root:
-        left = document.whole('roi.x_offset', 0, info.width)
-        top = document.whole('roi.y_offset', 0, info.height)
-        info.roi = RegionOfInterest(
-            x_offset=left, y_offset=top,
-            width=document.whole('roi.width', 0, info.width - left),
-            height=document.whole('roi.height', 0, info.height - top),
-            do_rectify=document.get('roi.do_rectify', _BOOLEANS.__getitem__, 'true or false'))
-    return info
-
-
-def _check_model(value: Any) -> str:
-    if not isinstance(value, str) or not _MODEL.fullmatch(value):
-        raise ValueError
-    return value
-
-
-def _describe(info: CameraInfo, name: str) -> dict[str, Any]:
-    """Return the content of a calibration file, in the order of camera_calibration_parsers."""
-
-    def _matrix(rows: int, cols: int, data: Any) -> dict[str, Any]:
-        return {'rows': rows, 'cols': cols, 'data': [float(number) for number in data]}
-
-    return {
-        'image_width': info.width,
-        'image_height': info.height,
-        'camera_name': name,
-        'camera_matrix': _matrix(3, 3, info.k),
-        'distortion_model': info.distortion_model,
-        'distortion_coefficients': _matrix(1, len(info.d), info.d),
-        'rectification_matrix': _matrix(3, 3, info.r),
-        'projection_matrix': _matrix(3, 4, info.p),
-        'binning_x': info.binning_x,
-        'binning_y': info.binning_y,
-        'roi': {field: getattr(info.roi, field)
-                for field in ('x_offset', 'y_offset', 'height', 'width', 'do_rectify')},
-    }
+    matrices = {key: tuple(map(float, getattr(info, key))) for key in ('d', 'k', 'r', 'p')}
+    region = {key: getattr(info.roi, key) for key in (
+        'x_offset', 'y_offset', 'height', 'width', 'do_rectify')}
+    write_camera(path, StoredCamera(
+        width=info.width, height=info.height, distortion_model=info.distortion_model,
+        binning_x=info.binning_x, binning_y=info.binning_y, roi=Region(**region), **matrices),
+        name, ros_home)

@@ -28,12 +28,14 @@ from threading import Lock
 
 from ament_index_python.packages import get_package_share_directory
 import numpy as np
+from opencv_tools.image.errors import RectificationError
 from opencv_tools.image.orientation import turned_axes
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.calibration_file import (
     CameraInfoError, read_camera_info, write_camera_info)
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
+from opencv_tools.rectification import rectified_info
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
@@ -129,6 +131,26 @@ def scale_camera_info(info: CameraInfo, width: int, height: int) -> CameraInfo:
     return scaled
 
 
+def check_lens(info: CameraInfo) -> None:
+    """
+    Check that images can be rectified with a calibration.
+
+    :param info: calibration; its sizes are not checked.
+    :raises CameraInfoError: K or P has no positive focal lengths, K, D, R or P has numbers that
+        are not finite, or D does not suit the distortion model.
+    """
+    coefficients = info.d
+    if not np.any(coefficients) and (info.distortion_model or len(coefficients)):
+        # A rectification takes zeros of any model and number.
+        coefficients = np.ones(len(coefficients) or 4)
+    try:
+        rectified_info(CameraInfo(
+            width=1, height=1, distortion_model=info.distortion_model, d=coefficients, k=info.k,
+            r=info.r, p=info.p), 1, 1)
+    except RectificationError as err:
+        raise CameraInfoError(str(err)) from err
+
+
 class Calibration:
     """
     The calibration of a camera, published as ``camera_info``.
@@ -191,8 +213,10 @@ class Calibration:
         :param flip: mirroring of the published images, see ``orient``.
         :param rotate: clockwise rotation of the published images in degrees, see ``orient``.
         :returns: path of the file.
-        :raises CameraInfoError: the file cannot be written; the previous calibration stays in use.
+        :raises CameraInfoError: the calibration is invalid, or the file cannot be written; the
+            previous calibration stays in use.
         """
+        check_lens(info)
         with self._saving:  # the file and the published calibration stay the same
             if self._path is None:
                 raise CameraInfoError(self._refusal)

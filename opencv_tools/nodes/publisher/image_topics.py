@@ -12,38 +12,38 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Topics of a camera: images, compressed images and calibration."""
+"""Topics of a camera: images, compressed images, video and calibration, raw and rectified."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 import time
-from typing import Any
 
 from builtin_interfaces.msg import Time
-from numpy.typing import NDArray
 from opencv_tools.capture.output_image import OutputImage
-from opencv_tools.image.cdr import (
-    compressed_image_to_cdr, WireCompressedImage, WireHeader, WireImage)
-from opencv_tools.image.encodings import declared_encoding, Encoding
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image.layout import array_to_wire, view_image
+from opencv_tools.capture.rectified_image import RectifiedImage
+from opencv_tools.image.cdr import WireHeader
+from opencv_tools.image.errors import ImageError, RectificationError
 from opencv_tools.image.orientation import turned_axes
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
 from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.output_topics import OutputTopics
 from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
-from opencv_tools.topics.frame_topics import FrameTopics, Lend
-from opencv_tools.topics.qos import create_frame_publisher
+from opencv_tools.rectification import rectified_info, Rectifier
+from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.topic_discovery import resolve_topic
 from opencv_tools.transport.fastdds.profile import FastDdsSetup
-from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
+# Name of image_proc for rectified images, beside the image topic.
+_RECTIFIED = 'image_rect'
 # A subscriber may discover a publisher slightly later than the publisher discovers it.
 _SETTLE_SECONDS = 0.2
 
@@ -70,24 +70,54 @@ class ImageTopics:
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
         self.calibration = calibration
+        self._node = node
         self._fastdds = fastdds
         self._log = Log(node.get_logger())
         self._largest = 0  # bytes of the largest frame so far
-        self._topics = FrameTopics(node, topic, video)
-        self.images = self._topics.images
-        self._infos = create_frame_publisher(
-            node, CameraInfo, f'{self._topics.name.rpartition("/")[0]}/camera_info')
         #: Messages that reliable subscribers have not confirmed.
-        self.backlog = Backlog(self._publishers(), self._log)
+        self.backlog = Backlog((), self._log)
+        self._name = resolve_topic(node, topic)
+        self._folder = self._name.rpartition('/')[0]
+        self._video = video
+        self._camera = self._create(topic, f'{self._folder}/camera_info')
+        self._topics = self._camera.frames
+        self.images = self._topics.images
+        # Topics of the raw images, and those of the rectified ones.
+        self._all: tuple[OutputTopics, ...] = (self._camera,)
+        self._rectifies = False
+        self._rectifier = Rectifier()
+        self._failure = ''  # why no rectified image is published, as logged
         #: Number of subscribers to wait for before the first frame; 0 after the wait.
         self.awaited = subscribers
         self._settled_at = 0.0
+
+    def rectify(self, is_wanted: bool) -> None:
+        """
+        Publish rectified images as well, or no longer. A repeated call has no effect.
+
+        :raises ParameterError: the topic of the rectified images has the name of the image topic,
+            or its ``qos_overrides`` parameters cannot be used.
+        """
+        if is_wanted == self._rectifies:
+            return
+        self._rectifies = is_wanted
+        self._failure = ''
+        for topics in self._all[1:]:
+            topics.destroy()
+        self._all = (self._camera,)
+        if is_wanted:
+            topic = f'{self._folder}/{_RECTIFIED}'
+            name = resolve_topic(self._node, topic)
+            if name == self._name:
+                raise ParameterError(f'parameter rectify is true, but {name} is the topic of the '
+                                     'images: remap one of the two topics')
+            self._all = self._camera, self._create(topic, f'{name}/camera_info')
 
     def may_publish(self) -> bool:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
-            if self._topics.count_subscribers() < self.awaited:
+            if sum(topics.frames.count_subscribers() for topics in self._all) < self.awaited:
                 self._settled_at = 0.0
             else:
                 self._settled_at = self._settled_at or now + _SETTLE_SECONDS
@@ -97,68 +127,89 @@ class ImageTopics:
 
     def has_subscribers(self) -> bool:
         """Return whether any topic has a subscriber."""
-        return self._topics.has_subscribers or self._infos.get_subscription_count() > 0
+        return any(topics.has_subscribers for topics in self._all)
 
     def publish(
         self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,
     ) -> bool:
         """
-        Publish a frame on each topic with subscribers, raw pixels first because they are fast.
+        Publish a frame on each topic with subscribers, the rectified one last.
 
         :param output: frame to publish.
         :param stamp: stamp of the messages.
         :param frame_id: coordinate frame of the camera.
         :param is_live: whether a subscriber that is late loses frames; the publisher of a file
             waits for it.
-        :returns: whether any topic has a subscriber.
+        :returns: whether any topic has a subscriber; for a frame that is not due, whether its
+            packet was published.
         :raises ImageError: the frame cannot be decoded or converted.
         """
         header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
+        info = cache(lambda: self._camera_info(output, Header(stamp=stamp, frame_id=frame_id)))
+        if not output.frame.is_due:
+            needs_image = any(topics.frames.has_subscribers for topics in self._all[1:])
+            return self._camera.pass_on(output, header, needs_image)
         failure: ImageError | None = None
         is_published = False
-        self._topics.shared.deliver = None if is_live else self.backlog.deliver
         try:
-            # All other work is done after the pixels are on their way.
-            is_message = self._topics.publish_raw(
-                lambda lend: _wire_image(output, header, lend))
-            is_published = is_message is not None
-            if is_message:
-                self._check_room(output.image.nbytes)
-                self.backlog.add(self.images)
-            if self._infos.get_subscription_count():
-                self._infos.publish(self._camera_info(
-                    output, Header(stamp=stamp, frame_id=frame_id)))
-                self.backlog.add(self._infos)
-                is_published = True
+            is_published = self._camera.publish(output, header, info, is_live=is_live)
         except ImageError as err:
-            failure = err  # the JPEG data of the camera may still be published unchanged
-        if self._topics.publish_compressed(lambda: _compressed(output, header)):
-            self.backlog.add(self._topics.compressed)
-            is_published = True
+            failure = err
+        try:
+            is_published |= self._publish_rectified(output, header, info, is_live)
+        except ImageError as err:
+            failure = failure or err
         if failure:
             raise failure
-        return self._publish_video(output, header) or is_published
+        return is_published
+
+    @property
+    def needs_key_frame(self) -> bool:
+        """Whether a subscriber waits for a key frame of a camera that encodes its video."""
+        return any(topics.needs_key_frame for topics in self._all)
 
     def use_video(self, settings: VideoSettings) -> None:
         """Encode video with other settings from the next frame on."""
-        if self._topics.video:
-            self._topics.video.stream.settings = settings
+        self._video = settings
+        for topics in self._all:
+            topics.use_video(settings)
 
     def close(self) -> None:
         """Stop sharing frames."""
-        self._topics.shared.destroy()
+        for topics in self._all:
+            topics.frames.shared.destroy()
 
-    def _publish_video(self, output: OutputImage, header: WireHeader) -> bool:
-        video = self._topics.video
-        used = video.publish(lambda: (output.image, output.encoding), header) if video else []
-        for publisher in used:
-            self.backlog.add(publisher)
-        return bool(used)
+    def _create(self, topic: str, info_topic: str) -> OutputTopics:
+        return OutputTopics(
+            self._node, topic, info_topic, self._video, self.backlog, self._check_room)
+
+    def _publish_rectified(
+        self, output: OutputImage, header: WireHeader, info: Callable[[], CameraInfo],
+        is_live: bool,
+    ) -> bool:
+        """Publish the rectified frame. An unusable calibration is logged once."""
+        if len(self._all) == 1:
+            return False
+        topics = self._all[1]
+        try:
+            is_published = topics.publish(
+                RectifiedImage(output, info, self._rectifier), header,
+                lambda: rectified_info(info(), *output.size), is_live=is_live)
+        except RectificationError as err:
+            failure = (f'{topics.frames.name} is not published: {err}; camera_info_url names the '
+                       'file of the calibration')
+            if failure != self._failure and self._log.error(failure, every=1.0, key=_RECTIFIED):
+                self._failure = failure
+            return True
+        if is_published:
+            self._failure = ''
+        return is_published
 
     def _camera_info(self, output: OutputImage, header: Header) -> CameraInfo:
         """Return the calibration of the bag that a frame comes from, else that of the camera."""
         flip, rotate = output.settings.flip, output.settings.rotate
-        serialized = output.recorded.camera_info if output.recorded else None
+        recorded = output.frame.recorded
+        serialized = recorded.camera_info if recorded else None
         if serialized is not None:
             try:
                 info = deserialize_message(bytes(serialized), CameraInfo)
@@ -178,30 +229,3 @@ class ImageTopics:
             size_warning = self._fastdds.size_warning(frame_bytes)
             if size_warning:
                 self._log.warning(size_warning)
-
-    def _publishers(self) -> tuple[Publisher, ...]:
-        video = self._topics.video
-        return (self.images, self._topics.compressed, self._infos,
-                *(video.publishers.values() if video else ()))
-
-
-def _wire_image(
-    output: OutputImage, header: WireHeader, lend: Lend,
-) -> tuple[WireImage, Slot | None]:
-    """Return a message, and the lent memory that the last conversion has written to."""
-    slot: Slot | None = None
-
-    def lend_image(height: int, width: int, encoding: Encoding) -> NDArray[Any] | None:
-        nonlocal slot
-        slot = lend(encoding.size(height, width))
-        return view_image(slot.data, height, width, encoding) if slot else None
-
-    output.lend = lend_image  # it keeps the slot as long as the pixels
-    image = output.image
-    return array_to_wire(image, declared_encoding(image, output.encoding), header), slot
-
-
-def _compressed(output: OutputImage, header: WireHeader) -> bytes:
-    data, format_text = output.jpeg
-    return compressed_image_to_cdr(WireCompressedImage(
-        header=header, format=format_text, data=data.data))

@@ -141,6 +141,15 @@ class PublishLoop:
                 f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped'
                 f'{missed}{others}')
 
+    def check_changes(self, changes: dict[str, Any]) -> None:
+        """
+        Check changed parameters against the other ones.
+
+        :param changes: new values by name.
+        :raises ParameterError: the video cannot have these settings.
+        """
+        replace(self.settings, **changes).video()
+
     def apply_changes(self, changes: dict[str, Any]) -> None:
         """
         Apply changed parameters.
@@ -150,10 +159,7 @@ class PublishLoop:
         self.settings = replace(self.settings, **changes)
         self._grabber.playback = self.settings.playback()
         self._grabber.reconnect = self.settings.reconnect_policy()
-        try:
-            self._topics.use_video(self.settings.video())
-        except ParameterError as err:
-            self._log.error(f'the video keeps its settings: {err}')
+        self._topics.use_video(self.settings.video())
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
         elif _CAMERA_PARAMETERS & changes.keys():
@@ -176,6 +182,10 @@ class PublishLoop:
 
     def _publish(self, frame: CapturedFrame | None) -> None:
         """Publish one frame; None means a frame without a subscriber."""
+        try:
+            self._topics.rectify(self.settings.rectify)  # here, in the thread that publishes
+        except ParameterError as err:
+            self._log.error(str(err))
         if frame is None:
             self._count_unseen()
             return
@@ -183,8 +193,11 @@ class PublishLoop:
         stamp, frame_id = self._headers.header(frame, self.settings)
         try:
             if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live):
-                self._count_unseen()
+                if frame.is_due:
+                    self._count_unseen()
                 return
+            if self.camera and self._topics.needs_key_frame:
+                self.camera.request_key_frame()
             description = output.description
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.

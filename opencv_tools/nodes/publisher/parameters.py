@@ -40,7 +40,8 @@ from opencv_tools.nodes.publisher.stamps import STAMPS
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_patterns import check_patterns
-from opencv_tools.video.settings import check_codec_name, check_preset_name, VideoSettings
+from opencv_tools.video.settings import (
+    check_codec_name, check_encoder, check_preset_name, VideoSettings)
 from rclpy.logging import get_logger
 
 _UNKNOWN_SIZE = (1920, 1080)
@@ -101,6 +102,9 @@ class PublisherSettings(NodeSettings):
     rotate: int = parameter(
         0, 'Clockwise rotation of the images in degrees, applied after flip', choices=ROTATIONS,
         changeable=True)
+    rectify: bool = parameter(
+        False, 'Whether to publish images without the distortion of the lens on image_rect, by '
+        'the calibration', changeable=True)
     jpeg_quality: int = parameter(
         95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to 100 (best)',
         bounds=(1, 100), changeable=True)
@@ -232,12 +236,14 @@ class PublisherSettings(NodeSettings):
         """
         Return the settings of the video topics.
 
-        :raises ParameterError: a value is invalid for this codec.
+        :raises ParameterError: a value is invalid for this codec, or the encoder is missing.
         """
         try:
-            return VideoSettings(
+            settings = VideoSettings(
                 codec=self.video_codec, quality=self.video_quality, bit_rate=self.video_bit_rate,
                 key_interval=self.video_key_interval, preset=self.video_preset)
+            check_encoder(settings)
+            return settings
         except VideoError as err:
             raise ParameterError(f'parameter video_{err}') from err
 

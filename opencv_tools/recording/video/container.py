@@ -51,7 +51,7 @@ class ContainerFormat:
     :param ticks: resolution of times, in ticks per second.
     :param longest: longest gap between two frames, in seconds.
     :param per_packet: upper bound of the bytes that FFmpeg writes in addition to a packet.
-    :param at_end: the same at the end of the file, and for each group of packets.
+    :param at_end: the same at the end of the file.
     :param per_group: the same at the end of the file, for each group of packets.
     :param per_tick: the same at the end of a file with a packet for each tick.
     :param lag: number of latest packets that a write does not include.

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from opencv_tools.image.encodings import find_encoding, generic_encoding
-from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.errors import EncodingError, KeyFrameNeeded
 from opencv_tools.recording.errors import UnwritableError, VideoError
 from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
@@ -36,12 +36,15 @@ from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.packets import (
     CopiedStream, PacketOrder, prepare_packet, PreparedPacket)
 from opencv_tools.recording.video.writer import VideoWriter
+from opencv_tools.units import NANO
 
-# Changes of the size after which a warning is logged.
+# Shortest time of a file of packets whose publisher changes the size again.
+_SHORTEST_NS = NANO
+# Changes of the size after which a warning is logged, and files may no longer be short.
 _MANY_CHANGES = 3
 
 
-# What a video takes as one.
+# One frame of a video.
 _Prepared = VideoFrame | PreparedPacket
 
 
@@ -57,6 +60,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         self._settings = settings
         self._size = (0, 0)
         self._changes = 0  # of the size
+        self._files = 0
         self._order = PacketOrder()
 
     def prepare(self, frame: ReceivedFrame) -> _Prepared:
@@ -75,6 +79,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
                ) -> VideoFile[Any]:
         """Create a video with the size and format of a frame; see `FileFormat`."""
         self._count_changes(prepared.size)
+        self._files += 1
         if isinstance(prepared, PreparedPacket):
             return VideoFile(path, CopiedStream(prepared), frame.time_ns, room)
         return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room)
@@ -93,7 +98,13 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def continues(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
                   ) -> bool:
         """Return whether a frame fits a video; see `FileFormat`."""
-        return file.writer.fits(prepared, file.time_ns(frame))
+        if file.writer.fits(prepared, file.time_ns(frame)):
+            return True
+        if (isinstance(prepared, PreparedPacket) and prepared.sets and self._files > _MANY_CHANGES
+                and 0 <= frame.arrival_ns - file.began_ns < _SHORTEST_NS):
+            self._order.interrupt()
+            raise KeyFrameNeeded('the size or the codec of the video changed within a second')
+        return False
 
     def can_begin(self, prepared: _Prepared) -> bool:
         """Return whether a video can begin with a frame; see `FileFormat`."""

@@ -96,9 +96,16 @@ class CopiedStream(VideoStream[PreparedPacket]):
         import av
         self._ticks = ticks
         packet = self._first.packet
-        with av.open(io.BytesIO(packet.data), format=_RAW_FORMATS[packet.codec]) as raw:
+        damage = f'{self.failure}: its first packet is damaged'
+        options: Any = [{'skip_frame': 'all'}]  # nothing is decoded
+        try:
+            opened = av.open(io.BytesIO(packet.data), format=_RAW_FORMATS[packet.codec],
+                             stream_options=options)
+        except av.error.FFmpegError as err:
+            raise VideoError(f'{damage} ({err.strerror})') from err
+        with opened as raw:
             if not raw.streams.video:
-                raise VideoError(f'{self.failure}: its first packet is damaged')
+                raise VideoError(damage)
             template = raw.streams.video[0]
             if hasattr(container, 'add_stream_from_template'):
                 self._stream = container.add_stream_from_template(template, opaque=True)
@@ -129,6 +136,10 @@ class PacketOrder:
     def __init__(self) -> None:
         """Create an order without packets."""
         self._last = b'', 0  # publisher and number
+        self._needs_key = True
+
+    def interrupt(self) -> None:
+        """Leave out all packets until the next key frame."""
         self._needs_key = True
 
     def check(self, frame: PacketFrame, prepared: PreparedPacket, begins: bool) -> None:

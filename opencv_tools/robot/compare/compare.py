@@ -80,7 +80,7 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     :raises DescriptionError: the frames or mimics of a robot have a cycle, or poses are too large.
     """
     sides = Side(with_original_names(a)), Side(with_original_names(b))
-    base, skipped, ordered = _common_base(*sides), _skipped_worlds(*sides), _ordered(*sides)
+    base, skipped, ordered = _common_base(*sides), _skipped_worlds(*sides), ordered_shapes(*sides)
     items = [side.items(base, skipped, ordered, everything) for side in sides]
     found: dict[Key, list[Difference]] = {key: [] for side in items for key in side}
     for key, result in found.items():
@@ -134,7 +134,7 @@ def _common_base(a: Side, b: Side) -> str:
     return next(roots, common[0] if common else '')
 
 
-def _ordered(a: Side, b: Side) -> set[Key]:
+def ordered_shapes(a: Side, b: Side) -> set[Key]:
     """Return the links whose visuals or collisions lack unique names, by element and name."""
     return {(element, key) for side in (a, b) for key, link in side.links.items()
             for element, shapes in shapes_of(link)

@@ -182,6 +182,7 @@ class _PatchedXacro:
         """Return the path of a file to include or to read as YAML."""
         name = PACKAGE_MARKER.sub(lambda marker: _package_folder(marker[1]), name)
         path = str(self._original['abs_filename_spec'](name))
+        self._report.files.append(path)
         with suppress(OSError, ValueError):
             mode = Path(path).stat().st_mode
             if not stat.S_ISDIR(mode) and (kind := describe_kind(mode)):

@@ -98,6 +98,11 @@ def is_xacro(root: Element) -> bool:
                for _, namespace in etree.iterwalk(root, events=('start-ns',)))
 
 
+def is_xacro_name(element: Element) -> bool:
+    """Return whether the tag of an element is one of xacro."""
+    return bool(_NAMESPACE.fullmatch(etree.QName(element).namespace or ''))
+
+
 def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
                  limits: Limits = LIMITS, find: str = 'path') -> bytes:
     """
@@ -124,6 +129,7 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     head, _, expanded = answer.partition(b'\n')
     reply = json.loads(head)
     report.notes.extend(Note(**note) for note in reply['notes'])
+    report.files.extend(reply['files'])
     if reply['error']:
         raise DescriptionError(reply['error'])
     return expanded
@@ -172,6 +178,7 @@ def main() -> None:
         expanded = b''
         error = str(DescriptionError(str(err) or TOO_LARGE, source=display_name(request['path'])))
     signal.setitimer(signal.ITIMER_REAL, 0)
-    reply = {'error': error, 'notes': [asdict(note) for note in report.notes]}
+    reply = {'error': error, 'notes': [asdict(note) for note in report.notes],
+             'files': report.files}
     with os.fdopen(output, 'wb') as stream:
         stream.write(_REPLY + json.dumps(reply).encode() + b'\n' + expanded)

@@ -203,6 +203,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     :returns: the root element.
     :raises DescriptionError: the data is not XML, declares entities or is too large.
     """
+    report.files.append(source)
     if data.count(b'<') + data.count(b'=') > _MAX_MARKUP:
         raise DescriptionError(f'has more than {_MAX_MARKUP} tags, comments and attributes, the '
                                'limit for a robot description', source=source)

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import errno
 import os
@@ -63,6 +63,29 @@ def check_different(outputs: Mapping[str, str | None]) -> None:
                                    'give each a file of its own', source=path)
 
 
+def check_not_inputs(outputs: Mapping[str, str | None], inputs: Iterable[str]) -> None:
+    """
+    Check that no output of a command is one of its inputs, because it would be replaced.
+
+    :param outputs: see `check_different`.
+    :param inputs: files that the command reads. The path ``-`` is standard input.
+    :raises DescriptionError: an option names a file that the command reads, also by a link.
+    """
+    for path in inputs:
+        for option, output in outputs.items():
+            target = _target(output)
+            if output and target and _is_same(target, '/dev/stdin' if path == '-' else path):
+                raise DescriptionError(f'is read by the command, but {option} would replace it: '
+                                       'give another file', source=output)
+
+
+def _is_same(target: Path, path: str) -> bool:
+    try:
+        return target.is_file() and target.samefile(path)
+    except OSError:  # the error is reported when the file is read or written
+        return False
+
+
 def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
     """
     Write several files atomically, or none of them.
@@ -70,27 +93,38 @@ def write_all(files: Sequence[tuple[str | None, bytes]]) -> None:
     :param files: paths and contents. The path None or ``-`` is standard output.
     :raises NotWrittenError: a file cannot be written.
     """
-    streams: list[tuple[str, Path | None, bytes]] = []
+    write_parts([(path, (data,)) for path, data in files])
+
+
+def write_parts(files: Sequence[tuple[str | None, Iterable[bytes]]]) -> None:
+    """
+    Write several files atomically, or none of them. A file that is replaced keeps its permissions.
+
+    :param files: paths, and contents in parts. The path None or ``-`` is standard output.
+    :raises NotWrittenError: a file cannot be written.
+    """
+    streams: list[tuple[str, Path | None, Iterable[bytes]]] = []
     ready: list[tuple[str, Path, Path]] = []  # path, temporary file, target
     try:
-        for path, data in files:
+        for path, parts in files:
             target = _target(path)
             if path is None or target is None or _is_stream(target):
-                streams.append((path or '-', target, data))
+                streams.append((path or '-', target, parts))
                 continue
             with _not_written(path):
                 if target.is_symlink():
                     raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
                 if target.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-                ready.append((path, write_beside(target, data), target))
+                ready.append((path, write_beside(target, parts, keeps_mode=True), target))
         # Output to a stream cannot be undone, so all files are ready before it.
-        for path, target, data in reversed(streams):
+        for path, target, parts in reversed(streams):
             if target is None:
-                print_bytes(data)
+                for part in parts:
+                    print_bytes(part)
             else:
-                with _not_written(path):
-                    target.write_bytes(data)
+                with _not_written(path), target.open('wb') as file:
+                    file.writelines(parts)
         while ready:
             path, temporary, target = ready[0]
             with _not_written(path):

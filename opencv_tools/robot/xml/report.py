@@ -65,10 +65,15 @@ class Note:
 
 @dataclass
 class Report:
-    """Notes of one conversion of a file, in the order in which they were made."""
+    """
+    Notes of one conversion of a file, in the order in which they were made.
+
+    :param files: files that were read, and those that were searched in vain.
+    """
 
     source: str = ''
     notes: list[Note] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)
 
     def preserve(self, element: str, name: str, line: int, message: str) -> None:
         """Add a note about an element that is preserved."""

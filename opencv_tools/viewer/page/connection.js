@@ -47,6 +47,7 @@ class Clock {
 /** WebSocket of the page, which connects again by itself while somebody looks at the page. */
 export class Connection {
   #listener;
+  #path;
   #socket = null;
   #clock = new Clock();
   #retryMs = FIRST_RETRY_MS;
@@ -58,9 +59,11 @@ export class Connection {
    *
    * @param listener has connected(), disconnected(sentence), received(message) and
    *   frame(view of the bytes).
+   * @param path of the WebSocket.
    */
-  constructor(listener) {
+  constructor(listener, path = '/ws') {
     this.#listener = listener;
+    this.#path = path;
     setInterval(() => this.#check(SILENCE_MS), PING_MS);
     document.addEventListener('visibilitychange', () => this.#look());
     addEventListener('online', () => this.#look());
@@ -89,7 +92,7 @@ export class Connection {
     clearTimeout(this.#retry);
     this.#heard = now();
     const scheme = location.protocol === 'https:' ? 'wss:' : 'ws:';
-    const socket = new WebSocket(`${scheme}//${location.host}/ws`);
+    const socket = new WebSocket(`${scheme}//${location.host}${this.#path}`);
     socket.binaryType = 'arraybuffer';
     socket.onmessage = (event) => this.#receive(event.data);
     socket.onclose = (event) => this.#close(event.reason);

@@ -15,6 +15,7 @@
 import { age, number, size, rate, showName } from './text.js';
 import { Video } from './video.js';
 
+const RETRY_MS = 30000; // until the video is tried again after errors of the decoder
 const HEAD_BYTES = 24;
 const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
 const AGES = 30;
@@ -26,6 +27,7 @@ export class Tile {
   status = null;
   topic = null;
   range = null;
+  isRectified = false; // whether the tile of the rectified pictures is shown instead
   inView = false;
   refusal = '';
   refusesVideo = false;
@@ -93,7 +95,10 @@ export class Tile {
         head.height || frame.displayHeight, head),
       answer: (sequence) => connection.send({ got: sequence }),
       requestKey: () => connection.send({ key: this.name }),
-      failed: () => { this.refusesVideo = true; },
+      failed: () => {
+        this.refusesVideo = true;
+        setTimeout(() => { this.refusesVideo = false; }, RETRY_MS);
+      },
     });
     this.#video.decode(bytes);
   }
@@ -183,7 +188,7 @@ export class Tile {
       ['Age', hasPicture ? age(this.#currentAge(connection.now)) : ''],
       ['Lost', status.frames ? number(status.lost) : ''],
       ['Broken', status.broken ? `${number(status.broken)} left out` : ''],
-      ['Shown', sent && [size(sent), sent.video
+      ['Shown', sent && [size(sent), (sent.slow ? `${sent.video} for a slow link` : sent.video)
         || (sent.passed_through ? 'unchanged' : `quality ${sent.quality}`),
       rate(sent.rate)].join(', ')],
       ['Link', status.link && `${number(status.link)} Mbit/s`],

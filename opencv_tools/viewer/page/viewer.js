@@ -18,6 +18,8 @@ import { Controls } from './controls.js';
 import { arrange } from './grid.js';
 import { listenToKeys } from './keys.js';
 import { RangeForm, readLimits } from './range.js';
+import { isRectified, rectifiedOf } from './rectified.js';
+import { Robot } from './robot.js';
 import { savePicture } from './save.js';
 import { showName } from './text.js';
 import { Tile } from './tile.js';
@@ -39,6 +41,7 @@ const numbers = new Map(); // of topics, as in the head of a frame
 let selected = address.searchParams.get('topic') ?? '';
 let host = '';
 let token = '';
+let control = false; // the parameter of the node
 let widths = [];
 let video = 'never'; // the parameter of the node
 let isExplained = false;
@@ -54,11 +57,11 @@ const codecs = Object.keys(fixed).length ? [] : await decodedCodecs();
 
 const connection = new Connection({
   connected(hello) {
-    ({ host, token, widths, video } = hello);
+    ({ host, token, widths, video, control } = hello);
     if (codecs.length) connection.send({ codecs });
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
-    controls.enable(hello.control);
+    controls.enable(control);
     notify('');
     layOut();
   },
@@ -70,6 +73,7 @@ const connection = new Connection({
   received(message) {
     if (message.topics) listTopics(message.topics);
     if (message.more !== undefined) countMore(message.more);
+    if (message.robot !== undefined) robot.setPublished(message.robot);
     for (const status of message.status ?? []) {
       const tile = tiles.get(status.name);
       if (tile) {
@@ -93,6 +97,8 @@ const connection = new Connection({
 
 const range = new RangeForm(setRange);
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
+
+const robot = new Robot(cameras, layOut);
 
 const inView = new IntersectionObserver((entries) => {
   for (const { target, isIntersecting } of entries) {
@@ -206,12 +212,11 @@ function select(name, isNew = true) {
   selected = name;
   if (isNew) {
     const url = new URL(location);
-    url.searchParams.delete('range');
+    for (const setting of ['range', 'rectified']) url.searchParams.delete(setting);
     if (name) url.searchParams.set('topic', name);
     else url.searchParams.delete('topic');
     history.pushState(null, '', url);
   }
-  if (!name && document.fullscreenElement) document.exitFullscreen();
   // A tile without a topic is there only while it is selected.
   listTopics([...tiles.values()].map((tile) => tile.topic).filter(Boolean));
   scrollTo(0, 0);
@@ -224,6 +229,11 @@ function step(distance) {
   if (names.length) select(names[(place + distance + names.length) % names.length]);
 }
 
+/** Return the topic that is shown alone, which may be the rectified one; '' for all topics. */
+function shown() {
+  return (tiles.get(selected)?.isRectified && rectifiedOf(selected, tiles)) || selected;
+}
+
 /** Show one topic or all, as somebody has chosen. */
 function layOut() {
   document.body.dataset.view = selected ? 'one' : 'all';
@@ -233,13 +243,22 @@ function layOut() {
   part('pause').setAttribute('aria-pressed', String(isPaused));
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
+  robot.show(!selected, isPaused);
+  part('calibrate').hidden = !control || !selected || isRectified(selected);
+  part('calibrate').href = `/calibrate?topic=${encodeURIComponent(selected)}`;
+  const alone = shown();
+  if (alone !== selected) tiles.get(alone).range = tiles.get(selected).range;
+  part('rectified').hidden = part('rectified-key').hidden = !rectifiedOf(selected, tiles);
+  part('rectified').setAttribute('aria-pressed', String(alone !== selected));
   for (const [name, tile] of tiles) {
     const url = new URL(location);
     url.searchParams.set('topic', name);
-    tile.element.hidden = Boolean(selected) && name !== selected;
+    tile.element.hidden = Boolean(alone) && name !== alone;
     if (selected) tile.link.removeAttribute('href');
     else tile.link.href = url;
   }
+  const filling = document.fullscreenElement;
+  if (filling && filling !== tiles.get(alone)?.link) document.exitFullscreen();
   show();
 }
 
@@ -256,35 +275,49 @@ function show() {
     lost: host ? 'Reconnecting' : 'Connecting' };
   part('state').dataset.state = present;
   if (part('state').textContent !== words[present]) part('state').textContent = words[present];
-  part('empty').hidden = tiles.size > 0 || mood !== 'live';
+  part('empty').hidden = tiles.size > 0 || robot.isShown || mood !== 'live';
   const ratios = [];
   for (const tile of tiles.values()) {
     tile.show(connection, present);
     if (tile.status?.width) ratios.push(tile.status.width / tile.status.height);
   }
   ratios.sort((one, other) => one - other);
-  const one = tiles.get(selected)?.status;
+  const one = tiles.get(shown());
   showPanel();
-  arrange(tiles.size, one?.width ? one.width / one.height : ratios[ratios.length >> 1] ?? 16 / 9,
-    tiles.get(selected));
+  arrange(tiles.size + robot.isShown, one?.status?.width
+    ? one.status.width / one.status.height : ratios[ratios.length >> 1] ?? 16 / 9, one);
   ask();
 }
 
 function showPanel() {
-  const tile = tiles.get(selected);
+  const tile = tiles.get(shown());
   range.show(tile?.status?.range, tile?.range);
-  controls.show(tile?.topic?.nodes ?? []);
+  controls.show(tiles.get(selected)?.topic?.nodes ?? []);
   part('panel').hidden = range.isHidden && controls.isEmpty;
 }
 
-/** Use limits for the picture, and keep them in the address; null for automatic limits. */
+/** Keep a setting of the picture in the address; '' removes it. */
+function keep(setting, text) {
+  const url = new URL(location);
+  if (text) url.searchParams.set(setting, text);
+  else url.searchParams.delete(setting);
+  history.replaceState(null, '', url);
+}
+
+/** Use limits for the picture; null for automatic limits. */
 function setRange(limits) {
   tiles.get(selected).range = limits;
-  const url = new URL(location);
-  if (limits) url.searchParams.set('range', limits.join());
-  else url.searchParams.delete('range');
-  history.replaceState(null, '', url);
-  show();
+  keep('range', limits?.join());
+  layOut();
+}
+
+/** Show the rectified pictures of the topic, or the raw ones again. */
+function rectify() {
+  if (!rectifiedOf(selected, tiles)) return;
+  const tile = tiles.get(selected);
+  tile.isRectified = !tile.isRectified;
+  keep('rectified', tile.isRectified && 'true');
+  layOut();
 }
 
 function pause() {
@@ -311,7 +344,7 @@ function copyLink() {
 
 function fillScreen() {
   if (document.fullscreenElement) document.exitFullscreen();
-  else tiles.get(selected)?.link.requestFullscreen?.();
+  else tiles.get(shown())?.link.requestFullscreen?.();
 }
 
 /** Move the focus in the grid. */
@@ -326,7 +359,7 @@ function focused() {
 }
 
 const across = () => Number(cameras.style.getPropertyValue('--columns'));
-const EACH_KEYS = { ' ': pause, s: () => save(selected || focused()) };
+const EACH_KEYS = { ' ': pause, s: () => save(shown() || focused()) };
 const ALL_KEYS = {
   ...EACH_KEYS,
   ArrowLeft: () => moveFocus(-1),
@@ -340,6 +373,7 @@ const ONE_KEYS = {
   ArrowRight: () => step(1),
   Escape: () => select(''),
   f: fillScreen,
+  r: rectify,
 };
 listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
 document.addEventListener('visibilitychange', ask);
@@ -353,11 +387,16 @@ part('back').addEventListener('click', (event) => {
 part('previous').addEventListener('click', () => step(-1));
 part('next').addEventListener('click', () => step(1));
 part('pause').addEventListener('click', pause);
-part('save').addEventListener('click', () => save(selected));
+part('save').addEventListener('click', () => save(shown()));
+part('rectified').addEventListener('click', rectify);
 part('full').addEventListener('click', fillScreen);
 part('link').addEventListener('click', copyLink);
 part('full').hidden = !document.fullscreenEnabled;
 setInterval(() => document.hidden || show(), REFRESH_MS);
 
-if (selected) addTile(selected).range = readLimits(address.searchParams.get('range'));
+if (selected) {
+  const tile = addTile(selected);
+  tile.range = readLimits(address.searchParams.get('range'));
+  tile.isRectified = address.searchParams.get('rectified') === 'true';
+}
 layOut();

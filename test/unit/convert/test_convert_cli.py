@@ -102,7 +102,7 @@ def test_folder_of_rosbag2_with_two_topics(
     assert convert(folder, target, '--topic', '/wrong') == 2
     assert 'has no topic /wrong' in capsys.readouterr().err
     assert convert(folder, target) == 2
-    assert 'or --topic of img_convert, to one of /camera/image_raw (' in capsys.readouterr().err
+    assert 'or --topic of the command, to one of /camera/image_raw (' in capsys.readouterr().err
     assert convert(folder, target, '--topic', '/depth') == 0
     assert sorted(path.name for path in tmp_path.glob('*.png')) == [
         f'depth_1700000000_{nanosec}.png' for nanosec in ('080000000', '120000000')]

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from bag_readers import decode, read_by_all, read_indexed
@@ -97,6 +98,31 @@ def test_part_of_a_bag_has_images(tmp_path: Path, type_name: str) -> None:
     assert main([str(bag), str(out), '--every', '4']) == 0
     assert {stored.topic for stored in read_by_all(out)} == {'/front/image'}
     assert [round(sum(one.data) / len(one.data) / 5) for one in decode(out)] == [0, 4, 8]
+
+
+@every_type
+@pytest.mark.parametrize('suffix', ['.mkv', '.mp4'])
+def test_damaged_parameter_sets_cost_their_frames(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], type_name: str, suffix: str) -> None:
+    packets = flat_packets(20, keys=(8,))
+    damaged = bytes(byte ^ 0x5a if 5 <= index < 14 else byte
+                    for index, byte in enumerate(packets[8].data))
+    packets[8] = replace(packets[8], data=damaged)
+    path = tmp_path / 'out' / f'a{suffix}'
+    assert main([str(write_bag(tmp_path / 'a.mcap', packets, type_name)), str(path)]) == 1
+    assert ', 1 failed' in (text := capsys.readouterr().err)
+    assert 'it is damaged' in text and 'file_name' not in text
+
+
+@every_type
+def test_damaged_picture_has_no_remedy(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], type_name: str) -> None:
+    packets = flat_packets(4, 'h265')
+    packets[2] = replace(packets[2], data=packets[2].data[:-12] + b'\xff' * 12)
+    bag = write_bag(tmp_path / 'a.mcap', packets, type_name)
+    assert main([str(bag), str(tmp_path / 'out' / '{seq}.png')]) == 1
+    text = capsys.readouterr().err
+    assert 'of h265 cannot be decoded: Invalid data' in text and 'file_name' not in text
 
 
 def test_packets_before_the_first_key_frame(

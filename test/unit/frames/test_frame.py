@@ -23,9 +23,11 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
-from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.errors import EncodingError, RectificationError
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.rectification import Rectifier
 import pytest
+from sensor_msgs.msg import CameraInfo
 
 OUTCOMES = recorded_outcomes()
 SOURCES = [*dict.fromkeys([*(source for source, _ in OUTCOMES), *ENCODINGS])]
@@ -85,3 +87,47 @@ def test_names_of_targets(name: str) -> None:
 def test_unknown_names_of_targets(name: str) -> None:
     with pytest.raises(EncodingError, match=rf'Unrecognized image encoding \[{name}\]'):
         check_target(name)
+
+
+def straight_camera(width: int, height: int) -> CameraInfo:
+    """Return a calibration whose rectified images are shifted by one pixel to the left."""
+    k = [10.0, 0, 3, 0, 10, 3, 0, 0, 1]
+    return CameraInfo(width=width, height=height, k=k, r=np.eye(3).ravel(),
+                      p=[10.0, 0, 2, 0, 0, 10, 3, 0, 0, 0, 1, 0])
+
+
+@pytest.mark.parametrize(('encoding', 'target', 'expected'), [
+    ('rgb8', 'bgr8', 'bgr8'), ('rgb8', '', 'rgb8'), ('rgb8', 'mono8', 'mono8'),
+    ('16UC1', '', '16UC1'), ('bayer_rggb8', '', 'bgr8'), ('yuyv', 'passthrough', 'bgr8')])
+def test_rectified_pixels(encoding: str, target: str, expected: str) -> None:
+    frame = Frame(image_message(encoding, 6, 10), target, camera_info=straight_camera(10, 6))
+    rectified = frame.rectified
+    assert rectified is frame.rectified
+    assert not rectified.flags.writeable
+    assert np.array_equal(rectified[:, :-1], frame.to(expected)[:, 1:])
+    assert not rectified[:, -1].any()
+
+
+def test_maps_of_the_frames_of_a_subscription() -> None:
+    rectifier = Rectifier()
+    maps = set()
+    for _ in range(3):
+        frame = Frame(image_message('bgr8', 6, 10), camera_info=straight_camera(10, 6),
+                      rectifier=rectifier)
+        assert np.array_equal(frame.rectified[:, :-1], frame.image[:, 1:])
+        maps.add(id(rectifier._maps))
+    assert len(maps) == 1
+
+
+def test_rectified_without_camera_info() -> None:
+    frame = Frame(image_message('bgr8', 6, 10))
+    for _ in range(2):
+        with pytest.raises(RectificationError, match='without camera_info cannot be rectified: '
+                                                     'give camera_info=True to receive_frames'):
+            _ = frame.rectified
+
+
+def test_rectified_without_a_calibration() -> None:
+    frame = Frame(image_message('bgr8', 6, 10), camera_info=CameraInfo(width=10, height=6))
+    with pytest.raises(ValueError, match='has no calibration, because its K is zero'):
+        _ = frame.rectified

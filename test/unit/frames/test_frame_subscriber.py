@@ -35,6 +35,7 @@ from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscribe
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
+from opencv_tools.video.settings import VideoSettings
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -316,6 +317,13 @@ def test_refused_quality(node: Node, quality: object) -> None:
         FramePublisher(node, TOPIC, quality=quality)  # type: ignore[arg-type]
     assert f'quality is {quality!r}' in str(raised.value)
     assert not node.count_publishers(TOPIC)
+
+
+def test_invalid_video(node: Node) -> None:
+    with pytest.raises(ParameterError, match=r'video is True: give VideoSettings\(\), or None'):
+        FramePublisher(node, TOPIC, video=True)  # type: ignore[arg-type]
+    with pytest.raises(ParameterError, match="codec is 'foo': the installed PyAV has no such"):
+        FramePublisher(node, TOPIC, video=VideoSettings(codec='foo'))
 
 
 @pytest.mark.parametrize('topic', [

@@ -176,7 +176,7 @@ def test_image_without_a_write(
         cv2.flip(picture, 1, dst=loan.image)  # has another size
     for corner in ((0, 0), (7, 4)):
         with camera.loan(*size) as loan:
-            loan.image[corner] += 1
+            loan.image[corner] ^= 1  # a lent image has any content
     camera.send(9)
     spin_until(camera.node, lambda: camera.frames and camera.frames[-1].raw.shape == (4, 6))
     assert len(camera.frames) == (3 if is_checked else 4)

@@ -362,11 +362,11 @@ def test_two_recordings_that_begin_at_once_clean_up(
 @pytest.mark.parametrize('name', ['.journal', 'manifest.jsonl'])
 def test_file_removed_after_its_creation_is_created_again(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    def open_and_remove(path: Path, *args: Any) -> int:
+    def open_and_remove(path: str | Path, *args: Any) -> int:
         file = open_file(path, *args)
-        if path.name.endswith(name) and not removed:
+        if str(path).endswith(name) and not removed:
             removed.append(path)
-            path.unlink()
+            Path(path).unlink()
         return file
 
     open_file, removed = os.open, []

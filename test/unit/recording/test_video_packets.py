@@ -17,12 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
+import errno
+import os
 from pathlib import Path
 import shutil
 from typing import Any
 
 import av
-from conftest import read_manifest, recorded_files
+from conftest import disk_of, read_manifest, recorded_files
 from console import Console
 from numbered_video import (
     flat, flat_packets, NANO, number_of, numbers, read_packets, units, video_message)
@@ -46,6 +49,7 @@ from opencv_tools.video.parameter_sets import parameter_sets, read_extradata
 from playback import frames_of as frames_of_source
 import pytest
 from recordings import open_videos
+from stepped_clock import SteppedClock
 from videos import play
 
 BEGIN_NS = 1_700_000_000 * NANO
@@ -130,6 +134,31 @@ def test_gap_lasts_until_the_next_key_frame(tmp_path: Path, codec: str, suffix: 
     assert len(recorded_files(tmp_path)) == 1
 
 
+@every_format
+def test_video_goes_on_with_the_first_key_frame_after_a_full_disk(
+        tmp_path: Path, suffix: str) -> None:
+    clock = SteppedClock()
+    videos = open_videos(tmp_path, f'a{suffix}', monotonic=clock.monotonic)
+    frames = frames_of(flat_packets(50, keys=(0, 40)))
+    with disk_of(100), pytest.raises(OSError, match=os.strerror(errno.EFBIG)):
+        put(videos, *frames[:20])
+    clock.step_to(clock.now + 2)
+    assert put(videos, *frames[20:]) == [*range(20)]
+    videos.close()
+    assert [numbers(path) for path in recorded_files(tmp_path)][-1] == [*range(40, 50)]
+
+
+@every_format
+def test_publisher_that_changes_its_size_again_and_again(tmp_path: Path, suffix: str) -> None:
+    small, large = flat_packets(1)[0], flat_packets(1, size=(64, 48))[0]
+    videos = open_videos(tmp_path, f'a{suffix}')
+    frames = frames_of([small, large] * 100)  # of 8 seconds
+    left_out = put(videos, *frames)
+    videos.close()
+    assert 4 <= len(recorded_files(tmp_path)) <= 13
+    assert len(left_out) < 110 and videos.counts.kept == 200 - len(left_out)
+
+
 def test_account_of_a_recorder_is_complete(tmp_path: Path) -> None:
     frames = frames_of(flat_packets(20, keys=(12,)))
     del frames[5]
@@ -149,6 +178,17 @@ def test_packets_without_numbers_follow_each_other(tmp_path: Path) -> None:
     videos = open_videos(tmp_path)
     frames = [PacketFrame(**{**vars(frame), 'number': 0}) for frame in frames_of(flat_packets(5))]
     assert put(videos, *frames) == []
+    videos.close()
+
+
+def test_publishers_without_numbers_are_not_mixed(tmp_path: Path) -> None:
+    first, second = flat_packets(4), flat_packets(4, keys=(0, 2))
+    frames = [replace(frame_of(packet, number, publisher), number=0)
+              for number, (packet, publisher) in enumerate(
+                  [*((packet, b'a') for packet in first[:2]),
+                   *((packet, b'b') for packet in second[1:]), (first[2], b'a')])]
+    videos = open_videos(tmp_path, 'a.mkv')
+    assert put(videos, *frames) == [2, 5]
     videos.close()
 
 

@@ -24,7 +24,8 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
-from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
+from opencv_tools.robot.cli import (
+    robot_compare, robot_frames, robot_view, sdf_to_urdf, urdf_to_sdf)
 import pytest
 
 ROOT = Path(__file__).parents[3]
@@ -273,10 +274,44 @@ def test_output_to_a_loop_of_links(arm: str, tmp_path: Path, capsys: Text) -> No
     assert loop.is_symlink()
 
 
-def test_conversion_in_place(arm: str) -> None:
-    assert urdf_to_sdf([arm, '-o', arm]) == 0
-    assert sdf_to_urdf([arm, '-o', arm]) == 0
-    assert '<robot' in Path(arm).read_text()
+@pytest.mark.parametrize(('command', 'option'), [
+    (urdf_to_sdf, '--output'), (urdf_to_sdf, '--report'), (sdf_to_urdf, '--output'),
+    (robot_frames, '--plot'), (robot_view, '--html')])
+@pytest.mark.parametrize('kind', ['same', 'relative', 'link', 'hard link', 'folder'])
+def test_output_that_is_an_input(
+        command: Callable[[list[str]], int], option: str, kind: str, tmp_path: Path,
+        capsys: Text, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot, link = tmp_path / 'model.sdf', tmp_path / 'link.svg'
+    robot.write_bytes(MODEL.read_bytes())
+    output = {'link': link, 'hard link': link, 'relative': Path('model.sdf')}.get(kind, robot)
+    monkeypatch.chdir(tmp_path)
+    if kind == 'link':
+        output.symlink_to(robot)
+    elif kind == 'hard link':
+        output.hardlink_to(robot)
+    assert command([str(tmp_path if kind == 'folder' else robot), option, str(output)]) == 2
+    assert capsys.readouterr() == ('', (
+        f'{command.__name__}: error: {output}: is read by the command, but {option} would '
+        'replace it: give another file\n'))
+    assert robot.read_bytes() == MODEL.read_bytes()
+
+
+@pytest.mark.process
+def test_output_that_is_the_file_of_standard_input(arm: str) -> None:
+    with Path(arm).open('rb') as file:
+        finished = subprocess.run(
+            [sys.executable, '-m', 'opencv_tools.robot.cli', 'urdf_to_sdf', '-', '-o', arm],
+            stdin=file, capture_output=True, text=True, check=False, timeout=30)
+    assert (finished.returncode, finished.stdout) == (2, '')
+    assert 'is read by the command, but --output would replace it' in finished.stderr
+    assert Path(arm).read_text() == ARM
+
+
+def test_output_that_is_the_second_input(arm: str, tmp_path: Path) -> None:
+    other = tmp_path / 'other.urdf'
+    other.write_bytes(Path(arm).read_bytes())
+    assert robot_view([arm, str(other), '--html', str(other)]) == 2
+    assert other.read_bytes() == Path(arm).read_bytes()
 
 
 @pytest.mark.parametrize('version', ['1.7', '1.8', '1.9', '1.10', '1.12'])

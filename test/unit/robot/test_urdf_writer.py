@@ -89,7 +89,7 @@ def test_second_writing_has_the_same_tags() -> None:
 
 def test_several_roots_are_refused() -> None:
     model = replace(robot_of_sdf(), joints=())
-    with pytest.raises(DescriptionError, match="with --root: 'a', 'b', 'c'"):
+    with pytest.raises(DescriptionError, match="sdf_to_urdf --root: 'a', 'b', 'c'"):
         convert_to_urdf(model, Report())
 
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+import importlib
 import os
 from pathlib import Path
 import sys
@@ -262,7 +263,7 @@ def test_include_cycle(tmp_path: Path) -> None:
 @pytest.mark.parametrize('content', ['<link name="a"/>', '<link name="${nothing}"/>', ENDLESS,
                                      '<xacro:include filename="none"/>'])
 def test_xacro_is_restored(content: str, tmp_path: Path) -> None:
-    substitution = sys.modules['xacro.substitution_args']
+    substitution = importlib.import_module('xacro.substitution_args')
     names = ('parse', 'abs_filename_spec', 'handle_macro_call', 'filestack', 'macrostack',
              'verbosity', 'all_includes', 'substitution_args_context')
     before = {name: getattr(xacro, name) for name in names}

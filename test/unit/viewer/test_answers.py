@@ -21,8 +21,8 @@ import socket
 from typing import cast
 
 from conftest import DEADLINE
+from opencv_tools import sending
 from opencv_tools.logs import Log
-from opencv_tools.viewer import web
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.web import Site, SiteHandler
@@ -55,7 +55,7 @@ class PartHandler(SiteHandler):
 def test_answer_that_is_not_read_ends(
         handler: type[SiteHandler], monkeypatch: pytest.MonkeyPatch,
         caplog: pytest.LogCaptureFixture) -> None:
-    monkeypatch.setattr(web, '_TAKEN_SECONDS', 0.1)
+    monkeypatch.setattr(sending, '_TAKEN_SECONDS', 0.1)
 
     async def ask() -> int:
         ended = asyncio.Event()

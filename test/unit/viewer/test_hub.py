@@ -120,9 +120,26 @@ def test_graph_that_cannot_be_read(run: Run) -> None:
     run(work)
 
 
-def test_stream_lingers_for_a_page_that_comes_back(
+def test_pages_get_what_another_reading_has_found(
         run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hub_module, '_LINGER_SECONDS', 0.0)
+    monkeypatch.setattr(hub_module, '_POLL_SECONDS', 0.01)
+
+    async def work(hub: Hub) -> None:
+        viewer = RecordedViewer()
+        hub.add_viewer(viewer)
+        await until(lambda: viewer.updates)
+        hub.state = GraphState({'/image': ViewTopic(number=1, name='/image')})
+        await until(lambda: [update for update in viewer.updates if 'topics' in update])
+        (topics,) = [update['topics'] for update in viewer.updates if 'topics' in update]
+        assert [topic['name'] for topic in topics] == ['/image']
+        await hub.close()
+
+    run(work)
+
+
+def test_stream_is_kept_for_a_page_that_comes_back(
+        run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_module, 'UNUSED_SECONDS', 0.0)
 
     async def work(hub: Hub) -> None:
         hub.state = GraphState({'/image': ViewTopic(number=1, name='/image')})

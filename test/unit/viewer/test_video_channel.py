@@ -28,12 +28,14 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.video.packet import VideoPacket
+from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer import video_channel
 from opencv_tools.viewer.encoded_video import EncodedVideo
 from opencv_tools.viewer.packets import PacketFeed, PACKETS, ViewedPacket
 from opencv_tools.viewer.protocol import ViewOptions
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.video_channel import VideoChannel
+from opencv_tools.viewer.video_link import VideoLink
 from opencv_tools.viewer.video_source import PublishedVideo, VideoSource
 import pytest
 from viewing import until
@@ -57,8 +59,9 @@ class Receiver:
                  codecs: frozenset[str] = frozenset(('h264',))) -> None:
         self.packets: list[ViewedPacket] = []
         self.reasons: list[str] = []
-        self.channel = VideoChannel(source, OPTIONS, codecs, send=self._receive,
-                                    refuse=self.reasons.append, clock=clock)
+        self.link = VideoLink(clock or asyncio.get_running_loop().time)
+        self.channel = VideoChannel(source, OPTIONS, codecs, link=self.link, send=self._receive,
+                                    refuse=self.reasons.append)
 
     @property
     def numbers(self) -> list[int]:
@@ -156,6 +159,17 @@ def test_gap_is_skipped_up_to_the_next_key_frame() -> None:
         topic.publish('kp-pppkp')
         assert page.numbers == [1, 2, 7, 8]
         assert topic.requests == 1
+
+    run(work)
+
+
+def test_late_page_gets_nothing_from_before_a_gap() -> None:
+    async def work(topic: Topic) -> None:
+        topic.publish('kpp-p')
+        page = topic.page()
+        assert page.numbers == []
+        topic.publish('pk')
+        assert page.numbers == [7]
 
     run(work)
 
@@ -288,7 +302,7 @@ def run_encoded(work: Callable[[Stream, EncodedVideo], Coroutine[Any, Any, None]
         loop = asyncio.get_running_loop()
         with ThreadPoolExecutor(2) as pool:
             stream = Stream(7, ('/image', 'auto'), loop, pool, Console())
-            await work(stream, EncodedVideo(stream, 1000.0, loop))
+            await work(stream, EncodedVideo(stream, 1000.0, loop, VideoSettings()))
 
     asyncio.run(begin())
 
