@@ -96,7 +96,8 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
         left_out = len(times) - sum(len(rows.times) for rows in kept)
         if left_out or not kept:
             recording.warnings.append(
-                f'{left_out} rows of the episode at {(begin - recording.start_ns) / NANO:.3f} s '
+                f'{left_out} rows of the episode at '
+                f'{(max(begin, start) - recording.start_ns) / NANO:.3f} s '
                 'are left out' + ('' if len(times) else ', which has no time with all topics'))
         found += kept
     if not found:

@@ -53,8 +53,8 @@ def import_pyarrow() -> Any:
     :raises DatasetError: it is not installed; the message includes the remedy.
     """
     try:
-        import pyarrow  # type: ignore[import-untyped]
-        import pyarrow.parquet  # type: ignore[import-untyped]
+        import pyarrow
+        import pyarrow.parquet
     except ImportError as err:
         raise DatasetError(f'data sets need pyarrow, which cannot be imported ({err}); '
                            f'{installation("pyarrow")}') from err

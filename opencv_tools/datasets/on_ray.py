@@ -70,7 +70,7 @@ def convert_on_ray(jobs: Sequence[Job], plan: Plan, address: str, memory: int,
 
 def _connect(address: str) -> Any:
     try:
-        import ray  # type: ignore[import-not-found]
+        import ray
     except ImportError as err:
         raise DatasetError(f'--ray needs Ray, which cannot be imported ({err}); '
                            f'{installation("ray")}') from err

@@ -63,7 +63,7 @@ def grid(start: int, end: int, fps: int) -> Times:
     if count > _MOST_ROWS:
         raise DatasetError(f'{(end - start) / NANO:.0f} s have {count} rows at {fps} Hz, at most '
                            f'{_MOST_ROWS} are possible; check the times, or use --clock log')
-    return start + (np.arange(max(0, count), dtype=np.int64) * NANO + fps // 2) // fps
+    return start + np.arange(max(0, count), dtype=np.int64) * NANO // fps
 
 
 def choose(times: Times, rows: Times, choice: str) -> Times:
