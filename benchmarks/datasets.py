@@ -26,6 +26,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 import ctypes
+from functools import partial
 import importlib.util
 import multiprocessing
 import os
@@ -76,6 +77,13 @@ def run(command: Sequence[str | Path]) -> tuple[float, float]:
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return seconds, sum(getattr(after, name) - getattr(before, name)
                         for name in ('ru_utime', 'ru_stime'))
+
+
+def run_once(command: Sequence[str | Path], target: Path) -> tuple[float, float]:
+    """Run a command as `run` does, and remove the folder that it writes."""
+    found = run(command)
+    shutil.rmtree(target)
+    return found
 
 
 def interleaved(ways: Mapping[str, Callable[[], tuple[float, float]]], rounds: int,
@@ -134,18 +142,10 @@ def conversion(folder: Path, megabytes: int, rounds: int) -> Iterator[Figure]:
         size = sum(write_bag(source / f'{number}.mcap', jpegs, count) for number in range(bags))
         ours, bare = folder / 'set', folder / 'bare'
 
-        def convert(source: Path = source) -> tuple[float, float]:
-            found = run([*_STARTED, source, ours, *options_of_plan()])
-            shutil.rmtree(ours)
-            return found
-
-        def loop(bags: int = bags, count: int = count) -> tuple[float, float]:
-            found = run([sys.executable, __file__, '--bare', jpegs,
-                         str(bags * len(CAMERAS)), str(count), bare])
-            shutil.rmtree(bare)
-            return found
-
-        medians = interleaved({'ours': convert, 'bare': loop}, rounds)
+        medians = interleaved({
+            'ours': partial(run_once, [*_STARTED, source, ours, *options_of_plan()], ours),
+            'bare': partial(run_once, [sys.executable, __file__, '--bare', jpegs,
+                                       str(bags * len(CAMERAS)), str(count), bare], bare)}, rounds)
         times = [ours / bare for ours, bare in zip(medians['ours'], medians['bare'])]
         shown = f'{bags} bags' if bags > 1 else '1 bag'
         goal, is_judged = (f'at most {RATIO}', True) if bags > 1 else ('', False)
@@ -252,13 +252,8 @@ def merge(folder: Path, jobs: Sequence[Job], rounds: int) -> Figure:
         shards[-1].mkdir()
         job.folder.rename(shards[-1] / job.folder.name)
     target = folder / 'merged'
-
-    def join() -> tuple[float, float]:
-        found = run([*_STARTED, '--merge', *shards, target])
-        shutil.rmtree(target)
-        return found
-
-    seconds, _ = interleaved({'merge': join}, rounds)['merge']
+    merging = partial(run_once, [*_STARTED, '--merge', *shards, target], target)
+    seconds, _ = interleaved({'merge': merging}, rounds)['merge']
     return Figure('datasets', f'merge of {len(shards)} shards', seconds, 's')
 
 
