@@ -213,13 +213,18 @@ def small_bags(folder: Path, jobs: Sequence[Job], plan: Plan, rounds: int) -> It
 
 def on_ray(pool: ProcessPoolExecutor, fresh: Callable[[], list[Job]], plan: Plan, workers: int,
            rounds: int) -> Iterator[Figure]:
-    """Measure a Ray cluster of this machine with some workers; its start is not counted."""
+    """
+    Measure a Ray cluster of this machine with some workers.
+
+    The start of the cluster is not counted, but each run starts workers, which import everything.
+    """
     from opencv_tools.datasets.on_ray import convert_on_ray
     from ray.cluster_utils import Cluster
     cluster = Cluster(initialize_head=True, head_node_args={
         'num_cpus': workers, 'include_dashboard': False})
     try:
-        timed(convert_on_ray(fresh()[:workers], plan, cluster.address, 0))  # starts the workers
+        timed(convert_on_ray(fresh()[:workers], plan, cluster.address, 0))  # fills the disk cache
+        start = timed(convert_on_ray(fresh()[:workers], plan, cluster.address, 0))
         medians = interleaved({
             'ray': lambda: (timed(convert_on_ray(fresh(), plan, cluster.address, 0)), 0.0),
             'ideal': lambda: (ideal(pool, fresh(), plan, workers), 0.0)}, rounds)
@@ -227,6 +232,8 @@ def on_ray(pool: ProcessPoolExecutor, fresh: Callable[[], list[Job]], plan: Plan
         cluster.shutdown()
     share = medians['ideal'][0] / medians['ray'][0]
     named = f'{workers} worker{"s" if workers > 1 else ""}'
+    yield Figure('datasets', f'Ray, {named}: one small bag each, with the start of the workers',
+                 start, 's')
     yield Figure('datasets', f'{SMALL_BAGS} small bags on Ray, {named}: part of ideal', share, 'x',
                  f'at least {RAY_SHARE}', share >= RAY_SHARE)
     yield overhead(f'{SMALL_BAGS} small bags on Ray, {named}', medians['ray'][0],
