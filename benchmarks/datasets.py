@@ -51,7 +51,7 @@ from opencv_tools.datasets.videos import VideoFileWriter
 
 CORES = len(os.sched_getaffinity(0))
 BAGS = 2 * CORES  # of the comparison with the bare loop
-SMALL_BAGS, SMALL_FRAMES = 100, 8  # and pictures of each camera in a small bag
+SMALL_BAGS, SMALL_FRAMES = 100, 4  # and pictures of each camera in a small bag
 RATIO, RAY_SHARE, OVERHEAD, GB_SECONDS = 1.2, 0.9, 20.0, 90.0  # goals
 _CRF = 23
 _SUBREAPER = 36  # PR_SET_CHILD_SUBREAPER of prctl(2)
@@ -171,20 +171,13 @@ def convert_all(jobs: Sequence[Job], plan: Plan) -> None:
         convert_bag(str(job.path), plan, str(job.folder), job.name)
 
 
-def ideal(jobs: Sequence[Job], plan: Plan, workers: int) -> float:
+def ideal(pool: ProcessPoolExecutor, jobs: Sequence[Job], plan: Plan, workers: int) -> float:
     """Return the seconds of processes that have imported everything and share the bags evenly."""
-    context = multiprocessing.get_context('fork')
-    processes = [context.Process(target=convert_all, args=(jobs[number::workers], plan))
-                 for number in range(workers)]
     began = time.perf_counter()
-    for process in processes:
-        process.start()
-    for process in processes:
-        process.join()
-    seconds = time.perf_counter() - began
-    if any(process.exitcode for process in processes):
-        raise SystemExit('a bag could not be converted')
-    return seconds
+    for future in [pool.submit(convert_all, jobs[number::workers], plan)
+                   for number in range(workers)]:
+        future.result()
+    return time.perf_counter() - began
 
 
 def timed(converted: Iterator[tuple[Job, str]]) -> float:
@@ -203,34 +196,44 @@ def small_bags(folder: Path, jobs: Sequence[Job], plan: Plan, rounds: int) -> It
     def fresh() -> list[Job]:
         return parts_of(jobs, folder / f'parts_{next(numbers)}')
 
-    ways = {'processes': lambda: (timed(convert_here(fresh(), plan, CORES)), 0.0),
-            'ideal': lambda: (ideal(fresh(), plan, CORES), 0.0)}
-    medians = interleaved(ways, rounds)
-    yield overhead(f'{len(jobs)} small bags by {CORES} processes', medians['processes'][0],
-                   medians['ideal'][0])
-    if importlib.util.find_spec('ray') is None:
-        print('Ray is not installed, so it is not measured: pip install ray', flush=True)
-        return
-    for workers in (1, 2) if CORES > 1 else (1,):
-        yield from on_ray(fresh, plan, workers, rounds)
+    # Ray's threads forbid a fork of this process.
+    with ProcessPoolExecutor(CORES, multiprocessing.get_context('forkserver')) as pool:
+        ideal(pool, fresh()[:CORES], plan, CORES)  # starts the processes
+        medians = interleaved({
+            'processes': lambda: (timed(convert_here(fresh(), plan, CORES)), 0.0),
+            'ideal': lambda: (ideal(pool, fresh(), plan, CORES), 0.0)}, rounds)
+        yield overhead(f'{len(jobs)} small bags by {CORES} processes', medians['processes'][0],
+                       medians['ideal'][0])
+        if importlib.util.find_spec('ray') is None:
+            print('Ray is not installed, so it is not measured: pip install ray', flush=True)
+            return
+        for workers in (1, 2) if CORES > 1 else (1,):
+            yield from on_ray(pool, fresh, plan, workers, rounds)
 
 
-def on_ray(fresh: Callable[[], list[Job]], plan: Plan, workers: int, rounds: int,
-           ) -> Iterator[Figure]:
-    """Measure a Ray cluster of this machine with some workers; its start is not counted."""
+def on_ray(pool: ProcessPoolExecutor, fresh: Callable[[], list[Job]], plan: Plan, workers: int,
+           rounds: int) -> Iterator[Figure]:
+    """
+    Measure a Ray cluster of this machine with some workers.
+
+    The start of the cluster is not counted, but each run starts workers, which import everything.
+    """
     from opencv_tools.datasets.on_ray import convert_on_ray
     from ray.cluster_utils import Cluster
     cluster = Cluster(initialize_head=True, head_node_args={
         'num_cpus': workers, 'include_dashboard': False})
     try:
-        timed(convert_on_ray(fresh()[:workers], plan, cluster.address, 0))  # starts the workers
+        timed(convert_on_ray(fresh()[:workers], plan, cluster.address, 0))  # fills the disk cache
+        start = timed(convert_on_ray(fresh()[:workers], plan, cluster.address, 0))
         medians = interleaved({
             'ray': lambda: (timed(convert_on_ray(fresh(), plan, cluster.address, 0)), 0.0),
-            'ideal': lambda: (ideal(fresh(), plan, workers), 0.0)}, rounds)
+            'ideal': lambda: (ideal(pool, fresh(), plan, workers), 0.0)}, rounds)
     finally:
         cluster.shutdown()
     share = medians['ideal'][0] / medians['ray'][0]
     named = f'{workers} worker{"s" if workers > 1 else ""}'
+    yield Figure('datasets', f'Ray, {named}: one small bag each, with the start of the workers',
+                 start, 's')
     yield Figure('datasets', f'{SMALL_BAGS} small bags on Ray, {named}: part of ideal', share, 'x',
                  f'at least {RAY_SHARE}', share >= RAY_SHARE)
     yield overhead(f'{SMALL_BAGS} small bags on Ray, {named}', medians['ray'][0],
@@ -265,7 +268,7 @@ def figures(folder: Path, options: argparse.Namespace) -> Iterator[Figure]:
         write_bag(bags / f'{number}.mcap', folder / 'jpegs', SMALL_FRAMES)
     jobs = find_jobs(str(bags), folder / 'parts')
     plan = plan_of_bags(jobs[0].path)
-    yield from small_bags(folder, jobs, plan, options.rounds - 1 or 1)
+    yield from small_bags(folder, jobs, plan, max(1, options.rounds // 2))
     timed(convert_here(jobs, plan, CORES))
     yield merge(folder, jobs, options.rounds)
 
