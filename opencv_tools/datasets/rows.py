@@ -59,7 +59,7 @@ def grid(start: int, end: int, fps: int) -> Times:
 
     :raises DatasetError: there are too many rows.
     """
-    count = (end - start) * fps // NANO + 1
+    count = ((end - start + 1) * fps - 1) // NANO + 1  # those whose time, cut to ns, is in it
     if count > _MOST_ROWS:
         raise DatasetError(f'{(end - start) / NANO:.0f} s have {count} rows at {fps} Hz, at most '
                            f'{_MOST_ROWS} are possible; check the times, or use --clock log')
