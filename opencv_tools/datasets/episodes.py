@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Interval, Plan
-from opencv_tools.datasets.rows import choose, grid, pieces, Rows
+from opencv_tools.datasets.rows import choose, grid, pieces, Rows, TOLERANCE_NS
 from opencv_tools.datasets.tracks import Recording
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import read_regular
@@ -87,7 +87,7 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     found: list[Rows] = []
     least = 2 if plan.next_action else 1
     for begin, stop, task in _spans(recording, plan, bag, end):
-        times = grid(max(begin, start), min(stop - 1, end), plan.fps)
+        times = grid(max(begin, start), min(stop - 1, end + TOLERANCE_NS), plan.fps)
         whole = Rows(times, {}, task)
         if len(times):
             whole = _checked(recording, plan, whole)

@@ -99,6 +99,9 @@ def numbers_of(message: dict[str, Any], source: NumbersSource) -> NDArray[np.flo
     if not source.names or names == source.names:
         return values
     places = {name: place for place, name in enumerate(names)}
+    if len(places) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DatasetError(f"'{twice}' is there twice")
     missing = [name for name in source.names if name not in places]
     if missing:
         raise DatasetError(f'{enumerated(missing)} of {len(source.names)} is missing; there is '

@@ -37,7 +37,7 @@ from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features, rows_table
 from opencv_tools.datasets.plan import IMAGES, LEROBOT, Plan, STAMPS
 from opencv_tools.datasets.row_values import (
-    row_numbers, row_stamps, row_vectors, shortened)
+    row_numbers, row_stamps, row_vectors, shortened, shown_rows)
 from opencv_tools.datasets.rows import match, Rows
 from opencv_tools.datasets.statistics import numbers_statistics
 from opencv_tools.datasets.tracks import open_bag, read_recording, Recording
@@ -82,16 +82,16 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1)
     work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')
     work.mkdir()
     try:
-        content = _Content(plan, bag, recording, episodes, work, threads)
         if plan.format == LEROBOT:
-            described = content.write_lerobot()
+            content = _Content(plan, bag, recording, episodes, work, threads)
+            described, kept = content.write_lerobot(), content.episodes
         else:
             from opencv_tools.datasets.sample_files import write_samples
-            described = write_samples(plan, bag, recording, episodes, work, name)
+            described, kept = write_samples(plan, bag, recording, episodes, work, name)
         text = json.dumps({
             'bag': name, 'state': state, 'plan': plan.digest, 'fps': plan.fps,
             'robot_type': plan.robot_type, 'format': plan.format, 'warnings': recording.warnings,
-            'topics': {key: asdict(match(track.times, episodes, key))
+            'topics': {key: asdict(match(track.times, kept, key))
                        for key, track in recording.tracks.items()}, **described})
         (work / PART).write_text(text)
         _publish(work, target, plan, state)
@@ -125,7 +125,7 @@ class _Content:
     def __init__(self, plan: Plan, bag: Bag, recording: Recording, episodes: list[Rows],
                  folder: Path, threads: int) -> None:
         self._plan, self._bag, self._recording = plan, bag, recording
-        self._episodes = shortened(plan, episodes)
+        self.episodes = shortened(plan, episodes)
         self._whole = episodes  # with the last state, which is only an action
         self._folder, self._threads = folder, threads
 
@@ -135,22 +135,23 @@ class _Content:
         workers = max(1, min(self._threads, len(names)))
         with ThreadPoolExecutor(workers) as pool:
             cameras = dict(zip(names, pool.map(lambda name: write_video(
-                self._plan, self._bag, name, self._recording.tracks[name], self._episodes,
+                self._plan, self._bag, name, self._recording.tracks[name], self.episodes,
                 self._folder / f'{name}.mp4', self._threads), names)))
+        self.episodes = shown_rows(
+            self.episodes, {name: camera.samples for name, camera in cameras.items()},
+            self._recording.warnings)
         features = plan_features(self._plan, {
             name: camera.size for name, camera in cameras.items()})
         pa = import_pyarrow()
         vectors = row_vectors(self._plan, self._recording, self._whole)
         tables, described = [], []
         begin = 0
-        for number, rows in enumerate(self._episodes):
+        for number, rows in enumerate(self.episodes):
             count = len(rows.times)
-            shown = {name: camera.samples[begin:begin + count]
-                     for name, camera in cameras.items()}
             columns = {**{key: values[number].astype(np.float32)
                           for key, values in vectors.items()},
                        **row_numbers(rows, number, self._plan.fps),
-                       STAMPS: row_stamps(self._recording, rows, shown)}
+                       STAMPS: row_stamps(self._recording, rows)}
             statistics = {key: numbers_statistics(values.reshape(count, -1))
                           for key, values in columns.items()}
             statistics |= {IMAGES + name: camera.statistics[number]

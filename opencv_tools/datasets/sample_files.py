@@ -35,7 +35,7 @@ from opencv_tools.datasets.camera_video import check_age
 from opencv_tools.datasets.lerobot import import_pyarrow
 from opencv_tools.datasets.pictures import row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
-from opencv_tools.datasets.row_values import row_vectors, shortened
+from opencv_tools.datasets.row_values import row_vectors, shortened, shown_rows
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
 
@@ -47,28 +47,36 @@ _GROUP_ROWS = 100  # of a row group, because a row has pictures
 
 
 def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows],
-                  folder: Path, name: str) -> dict[str, Any]:
+                  folder: Path, name: str) -> tuple[dict[str, Any], list[Rows]]:
     """
     Write the samples of a bag.
 
     :param episodes: all rows; with ``next_action`` the last one of each is left out.
     :param folder: folder of the part.
     :param name: name of the bag in the set.
-    :returns: what part.json says of the samples.
+    :returns: what part.json says of the samples, and the rows with the pictures that they have.
     :raises DatasetError: a picture or a number cannot be used.
     :raises OSError: the file cannot be written.
     """
     path = folder / SAMPLES[plan.format]
-    samples = _samples(plan, bag, recording, episodes, name)
+    shown: dict[str, list[int]] = {camera: [] for camera, _ in plan.images}
+    samples = _samples(plan, bag, recording, episodes, name, shown)
     write = _write_tar if plan.format == WEBDATASET else _write_parquet
     write(path, samples)
+    kept = shown_rows(shortened(plan, episodes), {
+        camera: np.array(one) for camera, one in shown.items()}, recording.warnings)
     return {'episodes': [{'length': len(rows.times), 'task': rows.task or plan.task}
-                         for rows in shortened(plan, episodes)]}
+                         for rows in kept]}, kept
 
 
 def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows], name: str,
+             shown: dict[str, list[int]],
              ) -> Iterator[tuple[str, dict[str, Any], dict[str, bytes]]]:
-    """Yield the key of each sample, its numbers and texts, and the JPEG of each camera."""
+    """
+    Yield the key of each sample, its numbers and texts, and the JPEG of each camera.
+
+    The numbers of the samples that cameras show are added to ``shown``.
+    """
     vectors = row_vectors(plan, recording, episodes)
     kept = shortened(plan, episodes)
     with ExitStack() as stack:
@@ -84,6 +92,7 @@ def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows
                 jpegs = {}
                 for camera, pictures in cameras.items():
                     sample, picture = next(pictures)
+                    shown[camera].append(sample)
                     stamps[camera] = int(recording.tracks[camera].times[sample])
                     check_age(plan, camera, time_ns - stamps[camera])
                     jpegs[camera] = picture.jpeg[0].tobytes()

@@ -123,19 +123,26 @@ def resolved(plan: Plan, path: Path) -> Plan:
 
 
 def _first_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
+    """Return the names in the first message that can be read."""
     topic = find_topic(bag, source.topic)
     reader = MessageReader(topic)
+    reason = 'has no messages'
     try:
         with closing(bag):
             for item in bag.messages([topic]):
-                if isinstance(item, BagMessage):
+                if not isinstance(item, BagMessage):
+                    continue
+                try:
                     message = reader.read(decompressed_message(item.load()))
-                    return names_of(message, source)
-    except (BagError, ImageError, OSError) as err:
+                except (BagError, ImageError, OSError) as err:
+                    reason = f'has no message that can be read: {_reason(err)}'
+                    continue
+                return names_of(message, source)
+    except (BagError, OSError) as err:
         raise DatasetError(f'{printable(source.topic)}: {_reason(err)}') from err
     except DatasetError as err:
         raise DatasetError(f'{printable(source.topic)}: {err}') from err
-    raise DatasetError(f'{printable(source.topic)} has no messages')
+    raise DatasetError(f'{printable(source.topic)} {reason}')
 
 
 def _track(samples: Samples, plan: Plan, name: str) -> Track:

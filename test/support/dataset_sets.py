@@ -116,7 +116,7 @@ def check_rows(folder: Path, picture_ns: Callable[[int], int]) -> list[int]:
         assert rows['frame_index'][part].tolist() == list(range(episode['length']))
         begin = episode[f'videos/{FRONT}/from_timestamp']
         times = [time for time, _ in frames_of(folder)][part]
-        assert np.allclose(times - begin, rows['timestamp'][part], atol=1e-4)
+        assert np.allclose(np.array(times) - begin, rows['timestamp'][part], atol=1e-4)
         assert np.allclose(rows['timestamp'][part],
                            rows['frame_index'][part] / info_of(folder)['fps'], atol=1e-5)
         grid = np.array(stamps_of(folder, 'front'))[part]

@@ -21,12 +21,14 @@ from fractions import Fraction
 from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.rows import choose, grid, interpolate, match, pieces, Rows
+from opencv_tools.datasets.rows import choose, grid, interpolate, match, pieces, Rows, TOLERANCE_NS
 import pytest
 
 NANO = 10**9
 BEGAN = 1_700_000_000 * NANO
-increasing = st.lists(st.integers(0, 200), min_size=1, max_size=20, unique=True).map(sorted)
+TICK = 1500  # ns, more than the tolerance
+increasing = st.lists(st.integers(0, 200), min_size=1, max_size=20, unique=True).map(
+    lambda numbers: [TICK * number for number in sorted(numbers)])
 times_and_rows = st.tuples(increasing, increasing).map(
     lambda pair: (pair[0], [pair[0][0] + one for one in pair[1]]))
 
@@ -64,6 +66,15 @@ def test_last_and_nearest_sample(pair: tuple[list[int], list[int]]) -> None:
                for row in rows]
     assert choose(np.array(times), np.array(rows), 'last').tolist() == last
     assert choose(np.array(times), np.array(rows), 'nearest').tolist() == nearest
+
+
+def test_sample_of_a_row_may_be_a_little_late() -> None:
+    # Both clocks are cut: row 2 is at 0.099999999 s, the frame at 0.1 s.
+    camera = np.arange(1, 60) * NANO // 30
+    rows = grid(camera[0], camera[-1], 30)
+    assert choose(camera, rows, 'last').tolist() == [*range(59)]
+    assert choose(camera + TOLERANCE_NS, rows[1:], 'last').tolist() == [*range(1, 59)]
+    assert choose(camera + TOLERANCE_NS + 2, rows[1:], 'last').tolist() == [*range(58)]
 
 
 @given(increasing, st.data())
