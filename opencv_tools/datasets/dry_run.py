@@ -38,7 +38,7 @@ def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
     """
     bag = open_bag(path)
     recording = read_recording(bag, plan)
-    episodes = episodes_of(recording, plan, path.name)
+    episodes = episodes_of(recording, plan, name)
     uses: dict[str, list[str]] = {}
     for camera, topic in plan.images:
         uses.setdefault(topic, []).append(IMAGES + camera)

@@ -51,8 +51,8 @@ def shown_rows(episodes: Sequence[Rows], shown: Mapping[str, NDArray[np.int64]],
     found, begin = [], 0
     for rows in episodes:
         end = begin + len(rows.times)
-        samples = {**rows.samples, **{name: one[begin:end] for name, one in shown.items()}}
-        found.append(replace(rows, samples=samples))
+        found.append(replace(rows, samples={
+            **rows.samples, **{name: one[begin:end] for name, one in shown.items()}}))
         begin = end
     return found
 

@@ -32,12 +32,13 @@ from typing import Any
 import numpy as np
 from opencv_tools.bags.bag import Bag
 from opencv_tools.datasets.camera_video import check_age
-from opencv_tools.datasets.lerobot import import_pyarrow
+from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
 from opencv_tools.datasets.pictures import row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
 from opencv_tools.datasets.row_values import row_vectors, shortened, shown_rows
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
+from opencv_tools.image.text import MAX_PATH, printable
 
 #: Name of the file in a part, by format.
 SAMPLES = {'webdataset': 'samples.tar', 'parquet': 'samples.parquet'}
@@ -65,7 +66,7 @@ def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence
     write(path, samples)
     kept = shown_rows(shortened(plan, episodes), {
         camera: np.array(one) for camera, one in shown.items()}, recording.warnings)
-    return {'episodes': [{'length': len(rows.times), 'task': rows.task or plan.task}
+    return {'features': plan_features(plan, {}), 'episodes': [{'length': len(rows.times), 'task': rows.task or plan.task}
                          for rows in kept]}, kept
 
 
@@ -98,7 +99,7 @@ def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows
                     jpegs[camera] = picture.jpeg[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
                 yield f'{number:06d}_{row:06d}', {
-                    'bag': name, 'episode': number, 'frame': row, 'timestamp': row / plan.fps,
+                    'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row, 'timestamp': row / plan.fps,
                     'task': rows.task or plan.task, 'stamp_ns': stamps, **values}, jpegs
 
 

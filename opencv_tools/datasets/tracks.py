@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -232,8 +231,8 @@ def _clock_warnings(tracks: dict[str, Track]) -> list[str]:
 
 def _timed(events: Samples, plan: Plan, offset: int) -> list[tuple[int, Any]]:
     has_stamp = plan.clock == 'stamp' and events.reader and events.reader.has_stamp
-    times: Iterable[int] = events.stamps if has_stamp else (
-        log - offset for log in events.logs)
+    times = (events.times('stamp', str(plan.episodes)).tolist() if has_stamp and events.logs else
+             [log - offset for log in events.logs])
     return sorted(zip(times, events.events or []), key=lambda pair: pair[0])
 
 
