@@ -25,7 +25,7 @@ from opencv_tools.datasets.check import row_problems
 from opencv_tools.datasets.check_videos import has_fingerprints, video_problems
 from opencv_tools.datasets.dry_run import describe_bag
 from opencv_tools.datasets.episodes import check_bags
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import (
     check_target, locked_parts, natural_key, remove_part, replaced_folder, working_parts)
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
@@ -68,7 +68,7 @@ def run(options: Namespace) -> int:
         _check_count(paths, 2, 2, 'img_convert SOURCE TARGET --format FORMAT')
         return _Conversion(options, plan_of(options), paths[1], log).run()
     except OSError as err:
-        log.error(f'{printable(err.filename or "", MAX_PATH)}: {err.strerror or err}')
+        log.error(os_reason(err))
         return _EXIT_FAILURE
 
 

@@ -27,11 +27,11 @@ from pathlib import Path
 from threading import Thread
 
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
 from opencv_tools.datasets.part import convert_bag
 from opencv_tools.datasets.plan import Plan
-from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.image.text import printable
 from opencv_tools.regular_files import user_path
 from opencv_tools.signals import ignore_signals
 
@@ -101,7 +101,7 @@ def convert_job(job: Job, plan: Plan, threads: int) -> str:
     except DatasetError as err:
         return str(err)
     except OSError as err:
-        return f'{printable(err.filename or "", MAX_PATH)}: {err.strerror or printable(err)}'
+        return os_reason(err)
     except MemoryError:
         return 'there is not enough memory'
     return ''
