@@ -57,7 +57,8 @@ def run(options: Namespace) -> int:
     import_pyarrow()
     paths = [user_path(path).absolute() for path in options.paths]
     if paths and paths[-1].name in ('', '..'):
-        raise DatasetError(f'{printable(paths[-1], MAX_PATH)} has no name; give a folder by its name')
+        raise DatasetError(f'{printable(paths[-1], MAX_PATH)} has no name; give a folder by its '
+                           'name')
     try:
         if options.check:
             _check_count(paths, 1, 1, 'img_convert --check SET')

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import csv
 import io
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,8 @@ def read_intervals(path: Path) -> tuple[Interval, ...]:
 
 def _interval(row: dict[str, Any], where: str) -> Interval:
     if None in row:
-        raise DatasetError(f'{where} has more fields than columns; put a text with commas in "..."')
+        raise DatasetError(f'{where} has more fields than columns; put a text with commas in '
+                           '"..."')
     try:
         start, end = (float(row[name]) for name in _COLUMNS)
     except (TypeError, ValueError) as err:
@@ -167,7 +169,7 @@ def _spans(recording: Recording, plan: Plan, bag: str, end: int) -> list[Span]:
                    for one in plan.intervals if one.bag in ('', bag, Path(bag).name))
     if not spans:
         raise DatasetError(f'the table of episodes has no line for {printable(bag)}')
-    for before, after in zip(spans, spans[1:]):
+    for before, after in pairwise(spans):
         if after[0] < before[1]:
             at = (after[0] - recording.start_ns) / NANO
             raise DatasetError(f'two episodes of {printable(bag)} overlap at {at:.3f} s')

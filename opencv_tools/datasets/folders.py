@@ -58,7 +58,7 @@ def locked_parts(target: Path) -> Iterator[Path]:
     parts = working_parts(target)
     parts.mkdir(parents=True, exist_ok=True)
     path = parts / _LOCK
-    with open(path, 'w') as lock:
+    with path.open('w') as lock:
         if not try_lock(lock.fileno()) or not is_same_file(lock.fileno(), path):
             raise DatasetError(f'another img_convert is writing {printable(target, MAX_PATH)}; '
                                'wait for its end')

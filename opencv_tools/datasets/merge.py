@@ -26,7 +26,7 @@ import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import (
     CHUNK_FILES, DATA_MEGABYTES, DATA_PATH, EPISODES_PATH, Features, flat_statistics,
-    import_pyarrow, info, INFO, row_columns, STATS, TASKS, tasks_table, VIDEO_MEGABYTES,
+    import_pyarrow, INFO, info, row_columns, STATS, TASKS, tasks_table, VIDEO_MEGABYTES,
     VIDEO_PATH)
 from opencv_tools.datasets.part import FINGERPRINT, ROWS
 from opencv_tools.datasets.plan import IMAGES

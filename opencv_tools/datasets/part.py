@@ -168,7 +168,6 @@ class _Content:
         pa.parquet.write_table(pa.concat_tables(tables), self._folder / ROWS)
         return {'features': features, 'episodes': described}
 
-
     def _write_videos(self) -> dict[str, Camera]:
         names = [name for name, _ in self._plan.images]
         work = Work(self._plan, self._bag, self.episodes, self._folder, self._threads, Event())

@@ -66,8 +66,8 @@ def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence
     write(path, samples)
     kept = shown_rows(shortened(plan, episodes), {
         camera: np.array(one) for camera, one in shown.items()}, recording.warnings)
-    return {'features': plan_features(plan, {}), 'episodes': [{'length': len(rows.times), 'task': rows.task or plan.task}
-                         for rows in kept]}, kept
+    described = [{'length': len(rows.times), 'task': rows.task or plan.task} for rows in kept]
+    return {'features': plan_features(plan, {}), 'episodes': described}, kept
 
 
 def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows], name: str,
@@ -99,8 +99,9 @@ def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows
                     jpegs[camera] = picture.jpeg[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
                 yield f'{number:06d}_{row:06d}', {
-                    'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row, 'timestamp': row / plan.fps,
-                    'task': rows.task or plan.task, 'stamp_ns': stamps, **values}, jpegs
+                    'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row,
+                    'timestamp': row / plan.fps, 'task': rows.task or plan.task,
+                    'stamp_ns': stamps, **values}, jpegs
 
 
 def _write_tar(path: Path, samples: Iterator[tuple[str, dict[str, Any], dict[str, bytes]]],

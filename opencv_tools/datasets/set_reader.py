@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 import json
 import math
+import os
 from pathlib import Path
 import re
 from typing import Any, TypeGuard
@@ -116,7 +117,7 @@ class SetReader:
         pa = import_pyarrow()
         shown = printable(path.relative_to(self.folder), MAX_PATH)
         try:
-            with open(open_regular(path), 'rb') as opened:
+            with os.fdopen(open_regular(path), 'rb') as opened:
                 file = pa.parquet.ParquetFile(opened)
                 names = file.schema_arrow.names
                 wanted = names if columns is None else [*columns]

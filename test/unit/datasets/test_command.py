@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A conversion that is killed, interrupted, repeated or changed: complete, and only what is new."""
+"""A conversion that is killed, interrupted, repeated or changed is complete or absent."""
 
 from __future__ import annotations
 

@@ -19,10 +19,10 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
-from dataset_bags import BEGAN, Drive, NANO, plain_entry
+from dataset_bags import BEGAN, Drive, joints_entry, NANO, plain_entry
 from dataset_sets import (
-    check_rows, convert, episodes_of, frames_of, FRONT, rows_of, stamps_of, tasks_of, USUAL)
-from dataset_sets import CAMERA, JOINTS_STATE
+    CAMERA, check_rows, convert, episodes_of, frames_of, FRONT, JOINTS_STATE, rows_of, stamps_of,
+    tasks_of, USUAL)
 import numpy as np
 from opencv_tools.convert.cli import main
 import pytest
@@ -84,11 +84,11 @@ def test_events_without_episodes_are_an_error(
 
 
 def test_events_with_stamps_that_are_zero_are_an_error(tmp_path: Path, capsys: Errors) -> None:
-    from dataset_bags import joints_entry
     drive = Drive(others=[joints_entry(0, [one], ['a'], '/grip', BEGAN + one * S // 2)
                           for one in range(4)])
     made(tmp_path, drive, *USUAL, '--episodes', '/grip.position.0', status=1)
-    assert re.search('4 stamps of /grip.position.0 .* are zero; use --clock', capsys.readouterr().err)
+    assert re.search('4 stamps of /grip.position.0 .* are zero; use --clock log',
+                     capsys.readouterr().err)
 
 
 def test_table_of_episodes(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_table_of_episodes(tmp_path: Path) -> None:
     ('start,end\n1,1\n', 'a.csv, line 2: start 1 is not before end 1'),
     ('start,end\n-1,1\n', 'line 2: start -1 is not before end 1'),
     ('start,end\nnan,1\n', 'line 2: start nan is not before end 1'),
-    ('start,end\n0,1e300\n', 'line 2: start 0 is not before end 1e\\+300, both from 0 to 1e\\+08 s'),
+    ('start,end\n0,1e300\n', 'start 0 is not before end 1e\\+300, both from 0 to 1e\\+08 s'),
     ('start,end\n0,1\n0.5,2\n', 'two episodes of bag.mcap overlap at 0.500 s'),
     ('start,end,bag\n0,1,bag.mcap\n0,1,bug.mcap\n', "has the bag 'bug.mcap'; there is bag.mcap"),
     ('start,end\n50,60\n', 'no row has all topics'),
@@ -136,8 +136,8 @@ def test_gap_fails_or_splits(gap: str, tmp_path: Path, capsys: Errors) -> None:
                   status=int(gap == 'fail'))
     errors = capsys.readouterr().err
     if gap == 'fail':
-        assert re.search(r'front has no sample for 0.667 s, 1\.3\d* s after the begin; at most 0.1 '
-                         's are allowed: use a larger --max-gap, or --on-gap split', errors)
+        assert re.search(r'front has no sample for 0.667 s, 1\.3\d* s after the begin; at most '
+                         '0.1 s are allowed: use a larger --max-gap, or --on-gap split', errors)
         return
     # Up to 0.1 s the last picture is repeated.
     assert spans(folder) == [(0, 23), (40, 20)]

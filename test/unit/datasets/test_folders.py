@@ -43,8 +43,9 @@ def test_part_of_any_bag_has_a_folder_of_its_own(one: str, other: str) -> None:
 
 
 def test_natural_order_of_bags() -> None:
-    names = ['a/2.mcap', 'a/10.mcap', 'b', 'run2/x', 'run10/a', 'run10/b']
-    assert sorted(reversed(names), key=natural_key) == names
+    names = ['run10/b', 'run2/x', 'a/10.mcap', 'run10/a', 'b', 'a/2.mcap']
+    assert sorted(names, key=natural_key) == [
+        'a/2.mcap', 'a/10.mcap', 'b', 'run2/x', 'run10/a', 'run10/b']
 
 
 HOSTILE = [

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -93,7 +94,7 @@ def test_pieces_are_the_longest_sequences(good: list[bool]) -> None:
     assert [row for begin, end in found for row in range(begin, end)] == [
         row for row, one in enumerate(good) if one]
     assert all(begin < end for begin, end in found)
-    assert all(one[1] < other[0] for one, other in zip(found, found[1:]))
+    assert all(one[1] < other[0] for one, other in pairwise(found))
 
 
 @settings(max_examples=60)

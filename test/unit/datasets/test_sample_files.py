@@ -22,7 +22,7 @@ import tarfile
 from typing import Any
 
 import cv2
-from dataset_bags import BEGAN, Drive, joint_values, NANO, number_of
+from dataset_bags import BEGAN, Drive, joint_values, jpeg_entry, NANO, number_of
 from dataset_sets import convert, USUAL
 import numpy as np
 from opencv_tools.convert.cli import main
@@ -103,7 +103,6 @@ def test_parquet_with_next_action(tmp_path: Path) -> None:
 @pytest.mark.parametrize('form', ['webdataset', 'parquet'])
 def test_damaged_pictures_and_merged_shards(form: str, tmp_path: Path, capsys: Errors) -> None:
     drive = Drive(seconds=0.5, lost=frozenset({5}))
-    from dataset_bags import jpeg_entry
     bad = jpeg_entry(5, drive.picture_ns(5))
     drive.others = [bad._replace(data=bad.data.replace(b'\xff\xd8', b'\xff\0'))]
     drive.write(tmp_path / 'bags/a.mcap')

@@ -160,7 +160,7 @@ DAMAGES: dict[str, tuple[Change, str]] = {
     'fps': (change_json('meta/info.json', 'fps', value=True), 'has fps True, not an integer'),
     'path': (change_json('meta/info.json', 'data_path', value='../set/data.parquet/../../../x'),
              'data_path in meta/info.json is ../set.* not the path of a file in the set'),
-    'zero byte': (change_json('meta/info.json', 'video_path', value='a\0b'), 'video_path in .* is'),
+    'zero byte': (change_json('meta/info.json', 'video_path', value='a\0b'), 'video_path in '),
     'dtype': (change_json('meta/info.json', 'features', 'action', 'dtype', value='int64'),
               '90 values of action that are float32, not int64'),
     'shape': (change_json('meta/info.json', 'features', 'action', 'shape', value=[2]),
@@ -230,7 +230,8 @@ def test_large_row_group_is_refused(
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers(-10**30, 10**30) | st.floats() | st.text(max_size=5)
-    | st.sampled_from(['v3.0', 'video', 'float32', '../a', '{video_key}', '\0', '\ud800', 'a' * 300]),
+    | st.sampled_from(['v3.0', 'video', 'float32', '../a', '{video_key}', '\0', '\ud800',
+                       'a' * 300]),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(
         st.sampled_from(['dtype', 'shape', 'index', 'action', 'train', 'é']), inner, max_size=3),
     max_leaves=6)

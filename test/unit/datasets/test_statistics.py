@@ -46,7 +46,7 @@ def test_statistics_of_numbers(values: np.ndarray) -> None:
             assert (found[name] == values[0]).all()
             continue
         # A histogram is exact to one bin: the quantile lies between the numbers around it.
-        bins = (values.max(axis=0) - values.min(axis=0)) / 5000 + 1e-9 * np.abs(values).max() + 1e-9
+        bins = np.ptp(values, axis=0) / 5000 + 1e-9 * np.abs(values).max() + 1e-9
         place = level * len(values)
         ordered = np.sort(values, axis=0)
         low = ordered[max(0, int(np.ceil(place)) - 1)]

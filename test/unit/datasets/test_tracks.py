@@ -25,7 +25,7 @@ from dataset_bags import (
     BEGAN, Drive, joint_values, joints_entry, jpeg_entry, NANO, numbered_picture, plain_entry,
     with_definitions)
 from dataset_sets import (
-    CAMERA, check_rows, convert, info_of, JOINTS_STATE, rows_of, stamps_of, USUAL)
+    CAMERA, check_rows, convert, info_of, JOINTS_STATE, numbers_of, rows_of, stamps_of, USUAL)
 import numpy as np
 from opencv_tools.image.cdr import image_to_cdr, WireHeader
 from opencv_tools.image.encodings import find_encoding
@@ -137,7 +137,7 @@ def moved(drive: Drive, stamp_of: Callable[[int], int]) -> list[Entry]:
     (lambda time_ns: time_ns - 2 * S, r'the stamps of \S+ are 1\.999 s ahead .* two clocks'),
     (lambda time_ns: time_ns - 300 * S * (time_ns > BEGAN + S),
      r'stamps of front .* jump by -299\.967 s after message 30'),
-    (lambda time_ns: time_ns + 9 * S * (time_ns > BEGAN + S), r'jump by 9\.033 s after message 30'),
+    (lambda time_ns: time_ns + 9 * S * (time_ns > BEGAN + S), r'jump by 9\.033 s after message'),
 ])
 def test_wrong_stamps_are_refused_and_the_log_is_right(
         stamp_of: Callable[[int], int], reason: str, tmp_path: Path, capsys: Errors) -> None:
@@ -146,11 +146,10 @@ def test_wrong_stamps_are_refused_and_the_log_is_right(
     error = refused(tmp_path, drive, capsys, *USUAL)
     assert re.search(f'1 of 1, bad.mcap: .*{reason}.*; use --clock log', error), error
     folder = converted(tmp_path, drive, *USUAL, '--clock', 'log')
-    rows = rows_of(folder)
-    numbers = check_rows(folder, drive.picture_ns) if not len(rows) else None
-    assert numbers is None  # the joints have the times of the log, 1 ms after those of values
+    assert stamps_of(folder, 'front') == [drive.picture_ns(one) for one in numbers_of(folder)]
+    # The joints have the times of the log, too, 1 ms after those of their values.
     joint_ns = stamps_of(folder, '/joint_states.position')
-    assert np.allclose(rows['observation.state'],
+    assert np.allclose(rows_of(folder)['observation.state'],
                        [joint_values(one - 1_000_000) for one in joint_ns], atol=1e-5)
 
 
@@ -218,7 +217,7 @@ def test_numbers_that_are_not_finite_are_an_error(
         for step in range(100)])
     error = refused(tmp_path, drive, capsys, *CAMERA, '--state', '/arm.position',
                     '--align-vectors', align)
-    assert f'/arm.position is not finite 0.802 s after the begin, in 2 rows' in error
+    assert '/arm.position is not finite 0.802 s after the begin, in 2 rows' in error
 
 
 def test_source_without_a_header_needs_the_clock_of_the_log(
@@ -259,7 +258,8 @@ def test_pictures_that_cannot_be_decoded_are_replaced_and_counted(
         data=entry.data[:-60].replace(b'\xff\xd8', b'\xff\x00') if number in (20, 21, 40) else
         entry.data) for number, entry in enumerate(sorted(
             drive.entries(), key=lambda entry: (entry.topic != TOPIC, entry.log_ns)))]
-    drive.entries = lambda: sorted(entries, key=lambda one: one.log_ns)  # type: ignore[method-assign]
+    entries.sort(key=lambda entry: entry.log_ns)
+    drive.entries = lambda: entries  # type: ignore[method-assign]
     folder = converted(tmp_path, drive, *USUAL)
     assert check_rows(folder, drive.picture_ns) == [
         {20: 19, 21: 19, 40: 39}.get(number, number) for number in range(60)]
@@ -329,7 +329,8 @@ def test_video_topic_is_decoded_from_its_key_frames(
     for number in range(60):
         time_ns = drive.picture_ns(number)
         packet = encoder.encode(numbered_picture(number), 'bgr8', time_ns, number in (0, 20, 40))
-        cdr = video_to_cdr(FFMPEG_PACKET, WireHeader(*divmod(time_ns, NANO), 'cam'), packet, number)
+        header = WireHeader(*divmod(time_ns, NANO), 'cam')
+        cdr = video_to_cdr(FFMPEG_PACKET, header, packet, number)
         topic = '/lost' if number in lost else '/cam0/ffmpeg'
         drive.others.append(Entry(time_ns, cdr, topic, FFMPEG_PACKET))
     joints = with_definitions(Drive(topics=()).entries())
