@@ -97,7 +97,7 @@ def test_shards_are_equal_to_one_run(
     check_statistics(tmp_path / 'set')
     # Files of a limited size.
     monkeypatch.setattr(merge, 'DATA_MEGABYTES', 0.002)
-    monkeypatch.setattr(merge, 'VIDEO_MEGABYTES', 0.05)
+    monkeypatch.setattr(merge, 'VIDEO_MEGABYTES', 0.01)
     monkeypatch.setattr(merge, 'CHUNK_FILES', 3)
     monkeypatch.setattr('opencv_tools.datasets.merge._MEGABYTE', 1 << 20)
     assert main([*words, '--overwrite']) == 0

@@ -74,7 +74,7 @@ def test_sample_of_a_row_may_be_a_little_late() -> None:
     camera = np.arange(1, 60) * NANO // 30
     rows = grid(camera[0], camera[-1], 30)
     assert choose(camera, rows, 'last').tolist() == [*range(59)]
-    assert choose(camera + TOLERANCE_NS, rows[1:], 'last').tolist() == [*range(1, 59)]
+    assert choose(camera + TOLERANCE_NS - 1, rows[1:], 'last').tolist() == [*range(1, 59)]
     assert choose(camera + TOLERANCE_NS + 2, rows[1:], 'last').tolist() == [*range(58)]
 
 

@@ -74,12 +74,13 @@ def test_webdataset(tmp_path: Path) -> None:
     assert len(list((tmp_path / 'set').glob('*.tar'))) == 2
     samples = read_tar(next((tmp_path / 'set').glob('sub_a.mcap-*.tar')))
     assert len(samples) == 30 == described[1]['episodes'][0]['length']
+    pictures = jpegs(drive)
     for row, sample in enumerate(samples):
         assert sample.keys() == {'__key__', 'front.jpg', 'json'}
         values = json.loads(sample['json'])
         assert values['bag'] == 'sub/a.mcap'
         check_numbers(values, row, drive, lambda time_ns: np.multiply(10, joint_values(time_ns)))
-        assert sample['front.jpg'] == jpegs(drive)[values['stamp_ns']['front']]
+        assert sample['front.jpg'] == pictures[values['stamp_ns']['front']]
         assert number_of(cv2.imdecode(np.frombuffer(sample['front.jpg'], np.uint8), 1)) == (
             6 if row == 7 else row)
 
@@ -91,13 +92,14 @@ def test_parquet_with_next_action(tmp_path: Path) -> None:
     assert convert(tmp_path / 'a', tmp_path / 'set', *words, form='parquet') == 0
     rows = pq.read_table(next((tmp_path / 'set').glob('*.parquet'))).to_pylist()
     assert len(rows) == 119  # of more than one row group
+    pictures = jpegs(drive)
     for row, sample in enumerate(rows):
         sample['stamp_ns'] = {name.removeprefix('stamp_ns.'): value
                               for name, value in sample.items() if name.startswith('stamp_ns.')}
         following = BEGAN + (row + 1) * NANO // 30
         check_numbers(sample, row, drive, lambda _, following=following: joint_values(
             following - (following - BEGAN) % (NANO // 100)))
-        assert sample['observation.images.front'] == jpegs(drive)[sample['stamp_ns']['front']]
+        assert sample['observation.images.front'] == pictures[sample['stamp_ns']['front']]
 
 
 @pytest.mark.parametrize('form', ['webdataset', 'parquet'])

@@ -36,7 +36,8 @@ MESSAGES = {JOINTS: joints_entry(BEGAN, [1, 2], ['a', 'b']).data,
 def samples_of(topic: BagTopic) -> Samples:
     if topic == IMAGES:
         return Samples(topic)
-    return Samples(topic, NumbersSource('/joints', ('position',), ('a', 'b')), MessageReader(topic))
+    source = NumbersSource('/joints', ('position',), ('a', 'b'))
+    return Samples(topic, source, MessageReader(topic))
 
 
 def message(topic: BagTopic, data: bytes, log_ns: int = BEGAN) -> BagMessage:

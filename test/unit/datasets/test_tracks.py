@@ -84,7 +84,7 @@ def refused(folder: Path, drive: Drive, errors: Errors, *words: object) -> str:
     (Drive(first=21), (), 30, '.mcap'),
     (Drive(), (), 10, '.mcap'),
     (Drive(), (), 77, '.mcap'),
-    (Drive(seconds=1), (), 1000, '.mcap')],
+    (Drive(seconds=0.3), (), 1000, '.mcap')],
     ids=('right', 'sqlite', 'lost', 'jitter', 'nearest', 'late', 'slow', 'uneven',
          'fast'))
 def test_every_row_has_its_picture_and_joints(
