@@ -37,6 +37,7 @@ from opencv_tools.datasets.plan import LEROBOT, Plan
 from opencv_tools.datasets.report import topic_lines
 from opencv_tools.datasets.sample_files import BAGS, gather_samples
 from opencv_tools.datasets.set_reader import SetReader
+from opencv_tools.datasets.shards import check_shards, write_shard
 from opencv_tools.datasets.tracks import resolved
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.logs import ConsoleWriter, Log
@@ -65,7 +66,7 @@ def run(options: Namespace) -> int:
             return _check(paths[0], log)
         if options.merge:
             _check_count(paths, 2, 1 << 30, 'img_convert --merge SHARD [SHARD ...] SET')
-            return _merge(paths[:-1], paths[-1], options.overwrite, log)
+            return _merge(paths[:-1], paths[-1], options, log)
         _check_count(paths, 2, 2, 'img_convert SOURCE TARGET --format FORMAT')
         return _Conversion(options, plan_of(options), paths[1], log).run()
     except OSError as err:
@@ -98,6 +99,7 @@ class _Conversion:
         if options.dry_run:
             return self._dry_run()
         if options.shard:
+            write_shard(self._target, options.shard, [job.name for job in self._jobs])
             failed = self._convert()
             self._log.info(f'{len(self._jobs) - len(failed)} of {len(self._jobs)} bags are in '
                            f'{printable(self._target, MAX_PATH)}; join all shards with --merge')
@@ -201,12 +203,12 @@ def _write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
     return True
 
 
-def _merge(folders: Sequence[Path], target: Path, overwrite: bool, log: Log) -> int:
+def _merge(folders: Sequence[Path], target: Path, options: Namespace, log: Log) -> int:
     found: dict[str, Path] = {}
     for folder in folders:
         parts = [path.parent for path in folder.glob(f'*/{PART}')
                  if not path.parent.name.startswith('.')]
-        if not parts:
+        if not parts and not [*folder.glob('shard_*.json')]:
             raise DatasetError(f'{printable(folder, MAX_PATH)} has no part of a data set; give '
                                'folders that --shard has written')
         for part in parts:
@@ -215,8 +217,12 @@ def _merge(folders: Sequence[Path], target: Path, overwrite: bool, log: Log) -> 
                 raise DatasetError(f'{printable(bag)} is in {printable(found[bag].parent)} and in '
                                    f'{printable(folder)}; merge each bag once')
             found[bag] = part
+    for warning in check_shards(folders, found.keys(), options.skip_failed):
+        log.warning(warning)
+    if not found:
+        raise DatasetError('the shards have no bag')
     with locked_parts(target):
-        check_target(target, (INFO, BAGS), overwrite)
+        check_target(target, (INFO, BAGS), options.overwrite)
         is_written = _write_set(
             [found[bag] for bag in sorted(found, key=natural_key)], target, log)
     return _EXIT_OK if is_written else _EXIT_FAILURE

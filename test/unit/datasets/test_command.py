@@ -139,7 +139,7 @@ def test_shards_keep_what_they_have(bags: Path, tmp_path: Path, capsys: Errors) 
     assert '2 of 2 bags are converted already' in capsys.readouterr().err
     assert len([*(tmp_path / 'a').glob('*/part.json')]) == 2
     assert convert(bags, tmp_path / 'b', *USUAL, '--shard', '9/9') == 0
-    assert not (tmp_path / 'b').exists()
+    assert [path.name for path in (tmp_path / 'b').iterdir()] == ['shard_9_of_9.json']
 
 
 @pytest.mark.parametrize('form', ['lerobot', 'webdataset', 'parquet'])

@@ -19,6 +19,7 @@ from __future__ import annotations
 from pathlib import Path
 import re
 
+import av
 from dataset_bags import BEGAN, Drive, joints_entry, NANO, plain_entry
 from dataset_sets import (
     CAMERA, check_rows, convert, episodes_of, frames_of, FRONT, JOINTS_STATE, rows_of, stamps_of,
@@ -59,6 +60,10 @@ def test_edges_of_a_bool_are_the_borders_of_episodes(tmp_path: Path, capsys: Err
     assert set(tasks_of(folder)) == {'pick'}
     assert stamps_of(folder, 'front')[0] == BEGAN + S // 2
     assert rows_of(folder)['frame_index'].tolist() == [*range(15), 0, *range(6)]
+    # Each episode begins with a key frame, so that none needs frames of the one before.
+    with av.open(str(folder / f'videos/{FRONT}/chunk-000/file-000.mp4')) as container:
+        is_key = [packet.is_keyframe for packet in container.demux(video=0) if packet.size]
+    assert all(is_key[row['dataset_from_index']] for row in episodes_of(folder))
 
 
 def test_texts_are_tasks(tmp_path: Path) -> None:

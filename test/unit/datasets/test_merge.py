@@ -180,3 +180,27 @@ def test_bag_of_two_shards_and_folder_without_parts_are_errors(
     shutil.rmtree(tmp_path / 'b')
     assert main(words) == 2
     assert '/b has no part of a data set; give folders that --shard' in capsys.readouterr().err
+
+
+def test_missing_shards_and_bags_are_named(tmp_path: Path, capsys: Errors) -> None:
+    for number in range(4):
+        Drive(seconds=0.2).write(tmp_path / f'bags/{number}.mcap')
+    (tmp_path / 'bags/2.mcap').write_bytes(b'no bag')
+    for shard, status in ((1, 1), (2, 0)):
+        assert convert(tmp_path / 'bags', tmp_path / f'{shard}', *USUAL, '--shard',
+                       f'{shard}/2') == status
+    capsys.readouterr()
+    target = str(tmp_path / 'set')
+    assert main(['--merge', str(tmp_path / '2'), target]) == 2
+    assert '1 of 2 shards are missing: 1\n' in capsys.readouterr().err
+    words = ['--merge', str(tmp_path / '1'), str(tmp_path / '2'), target]
+    assert main(words) == 2
+    assert '1 bags of the shards are not converted: 2.mcap; run their shards again' in (
+        capsys.readouterr().err)
+    assert main([*words, '--skip-failed']) == 0
+    assert 'warning: 1 bags are left out: 2.mcap' in capsys.readouterr().err
+    assert numbers_of(tmp_path / 'set') == [*range(6)] * 3
+    for content in (b'{"a": 1}', b'[1]', b'[' * 100_000):
+        (tmp_path / '1/shard_1_of_2.json').write_bytes(content)
+        assert main([*words, '--overwrite']) == 2
+        assert 'shard_1_of_2.json ' in capsys.readouterr().err

@@ -76,3 +76,11 @@ def test_big_endian_stamps() -> None:
     samples = samples_of(IMAGES)
     samples.add(message(IMAGES, b'\0\0\0\0' + np.array([7, 9], '>u4').tobytes()))
     assert samples.times('stamp', 'x').tolist() == [7_000_000_009]
+
+
+def test_list_of_times_is_no_stamp() -> None:
+    kind = 'builtin_interfaces/Time'
+    text = (f'{kind} stamp\nfloat64 value\n{"=" * 80}\nMSG: {kind}\nint32 sec\nuint32 nanosec\n')
+    for definition, has_stamp in ((text, True), (text.replace('Time s', 'Time[] s'), False)):
+        topic = BagTopic('/a', 'my_msgs/msg/Timed', definition=definition)
+        assert MessageReader(topic).has_stamp == has_stamp

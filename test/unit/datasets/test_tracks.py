@@ -295,6 +295,16 @@ def test_pictures_of_different_sizes_are_an_error(tmp_path: Path, capsys: Errors
         refused(tmp_path, drive, capsys, *USUAL))
 
 
+def test_pictures_that_cannot_be_converted_are_an_error(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=0.5, topics=())
+    wire = array_to_wire(np.zeros((8, 8, 2), np.float32), find_encoding('32FC2'), WireHeader(
+        *divmod(BEGAN, NANO), 'cam'))
+    drive.others.append(Entry(BEGAN, image_to_cdr(wire), '/flow'))
+    assert 'message 0 of /flow cannot be decoded: [32FC2] ' in refused(
+        tmp_path, drive, capsys, '--image', 'front=/flow', *JOINTS_STATE)
+
+
 @pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'mono8', 'bayer_rggb8', 'bgra8', 'mono16'])
 def test_raw_pictures(encoding: str, tmp_path: Path) -> None:
     drive = Drive(seconds=0.5, topics=())
