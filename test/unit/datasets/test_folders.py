@@ -145,3 +145,13 @@ def test_only_one_command_writes_a_set(tmp_path: Path, capsys: Errors) -> None:
     assert capsys.readouterr().err.count('another img_convert is writing ') == 2
     assert convert(bag, tmp_path / 'set', *USUAL) == 0
     assert not [*tmp_path.glob('.*')]
+
+
+def test_set_is_restored_after_a_kill_in_the_middle_of_its_replacement(tmp_path: Path) -> None:
+    bag = Drive(seconds=0.2).write(tmp_path / 'a.mcap')
+    assert convert(bag, tmp_path / 'set', *USUAL) == 0
+    (tmp_path / '.set.parts/.new').mkdir(parents=True)
+    (tmp_path / 'set').rename(tmp_path / '.set.parts/.replaced')
+    assert convert(bag, tmp_path / 'set', *USUAL) == 2  # is a data set already
+    assert numbers_of(tmp_path / 'set') == [*range(6)]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a.mcap', 'set']
