@@ -21,16 +21,20 @@ import os
 from pathlib import Path
 import shutil
 import signal
+from threading import Event
 import time
 
 from conftest import DEADLINE
 from dataset_bags import Drive
 from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
 from opencv_tools.convert.cli import main
+from opencv_tools.datasets import part
+from opencv_tools.datasets.camera_video import Camera, Work, write_video
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_here, find_jobs
 from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.plan import NumbersSource, Plan, STATE
+from opencv_tools.datasets.tracks import Track
 import pytest
 
 PLAN = Plan(fps=30, images=(('front', '/cam0/image_raw/compressed'),), vectors=(
@@ -138,3 +142,23 @@ a.mcap: 29 rows in 1 episodes
   front: 28 samples used, 1 rows repeat one, 0 dropped; from sample to row 0.0 ms in the median, \
 33.3 ms at most
 """)
+
+
+def test_videos_end_when_one_of_them_fails_or_the_command_ends(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Errors) -> None:
+    bag = Drive(seconds=0.2).write(tmp_path / 'a.mcap')
+    ended, begun = [], Event()
+
+    def fail_or_wait(work: Work, name: str, track: Track) -> Camera:
+        if name == 'front':
+            begun.wait(DEADLINE)
+            raise DatasetError('it fails')
+        begun.set()
+        ended.append(work.ended.wait(DEADLINE))
+        return write_video(work, name, track)
+
+    monkeypatch.setattr(part, 'write_video', fail_or_wait)
+    assert convert(bag, tmp_path / 'set', *CAMERA, '--image', 'b=/cam0/image_raw/compressed',
+                   '--jobs', 2) == 1
+    assert ended == [True]
+    assert 'a.mcap: it fails' in capsys.readouterr().err
