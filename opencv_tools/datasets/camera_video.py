@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -51,29 +52,50 @@ class Camera:
     statistics: list[Statistics]
 
 
-def write_video(plan: Plan, bag: Bag, name: str, track: Track, episodes: Sequence[Rows],
-                path: Path, threads: int) -> Camera:
+@dataclass(frozen=True)
+class Work:
+    """
+    What the videos of a bag have in common.
+
+    :param plan: plan of the conversion.
+    :param bag: the bag; it may be read by several threads at the same time.
+    :param episodes: rows of each episode.
+    :param folder: folder of the videos, which have the names of the cameras.
+    :param threads: threads of each encoder.
+    :param ended: set when the videos are not needed any more.
+    """
+
+    plan: Plan
+    bag: Bag
+    episodes: Sequence[Rows]
+    folder: Path
+    threads: int
+    ended: Event
+
+
+def write_video(work: Work, name: str, track: Track) -> Camera:
     """
     Write the video of a camera, with all episodes one after the other.
 
     :param name: name of the camera.
     :param track: samples of the camera.
-    :param path: path of the video.
-    :param threads: threads of the encoder.
     :raises DatasetError: a picture cannot be used.
     :raises OSError: the file cannot be written.
     """
-    pictures = row_pictures(bag, name, track, np.concatenate(
+    plan, episodes = work.plan, work.episodes
+    pictures = row_pictures(work.bag, name, track, np.concatenate(
         [rows.samples[name] for rows in episodes]).tolist())
     shown: list[int] = []
     prints: list[NDArray[np.uint8]] = []
     statistics: list[Statistics] = []
     size = (0, 0)
-    writer = VideoFileWriter(path, plan.fps, plan.crf, threads)
+    writer = VideoFileWriter(work.folder / f'{name}.mp4', plan.fps, plan.crf, work.threads)
     try:
         for rows in episodes:
             episode, counted = ImageStatistics(), {*sampled_rows(len(rows.times)).tolist()}
             for row, time_ns in enumerate(rows.times.tolist()):
+                if work.ended.is_set():
+                    raise DatasetError('the conversion has ended')
                 sample, picture = next(pictures)
                 check_age(plan, name, time_ns - int(track.times[sample]))
                 image: Any = picture.image

@@ -16,134 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-import json
+from collections.abc import Generator, Iterator
 import math
-from pathlib import Path
-import re
 from typing import Any
 
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.lerobot import (
-    DEFAULT_TYPES, import_pyarrow, INFO, row_columns, STATS, TASKS)
-from opencv_tools.image.text import enumerated, MAX_PATH, printable
-from opencv_tools.regular_files import open_regular, read_regular
+from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
+from opencv_tools.datasets.set_reader import SetReader
+from opencv_tools.image.text import enumerated, printable
 
-_MAX_JSON = 1 << 28  # bytes
-_MAX_GROUP = 1 << 31  # bytes of a row group in memory
+_NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',
+            'float16', 'float32', 'float64')
+_IMAGES = ('image', 'video')
 _MAX_TIME_ERROR = 1e-4  # seconds, as in LeRobot
-_PLACE = re.compile(r'\{(video_key|chunk_index:03d|file_index:03d)\}')
-
-
-class SetReader:
-    """Reader of the files of a data set."""
-
-    def __init__(self, folder: Path) -> None:
-        """
-        Read ``info.json``.
-
-        :raises DatasetError: the folder is no data set of version 3.
-        """
-        self.folder = folder
-        self.info = self.read_json(INFO)
-        version = self.info.get('codebase_version')
-        if not isinstance(version, str) or not version.startswith('v3.'):
-            raise DatasetError(f'{INFO} has codebase_version {printable(version)}, not v3.0; '
-                               'LeRobot converts older data sets')
-        features = self.info.get('features')
-        if not isinstance(features, dict) or not all(
-                isinstance(one, dict) and isinstance(one.get('dtype'), str)
-                and isinstance(one.get('shape'), list) for one in features.values()):
-            raise DatasetError(f'{INFO} has no valid features')
-        self.features: dict[str, dict[str, Any]] = features
-        fps = self.info.get('fps')
-        if not isinstance(fps, int) or not 0 < fps <= 1000:
-            raise DatasetError(f'{INFO} has fps {printable(fps)}, not an integer from 1 to 1000')
-        self.fps = fps
-
-    def read_json(self, name: str) -> dict[str, Any]:
-        """
-        Read a file of JSON.
-
-        :raises DatasetError: it is missing or invalid.
-        """
-        try:
-            content = json.loads(read_regular(self.folder / name, _MAX_JSON))
-        except (OSError, ValueError, RecursionError) as err:
-            reason = getattr(err, 'strerror', None) or err
-            raise DatasetError(f'{name} cannot be read: {printable(reason)}') from err
-        if not isinstance(content, dict):
-            raise DatasetError(f'{name} has no object of JSON')
-        return content
-
-    def file_path(self, template: str, chunk: int, number: int, key: str = '') -> Path:
-        """
-        Return the path of a file in the set.
-
-        :param template: name in ``info.json``, such as ``data_path``.
-        :raises DatasetError: the path is missing, or outside of the set.
-        """
-        text = self.info.get(template)
-        values = {'video_key': key, 'chunk_index:03d': f'{chunk:03d}',
-                  'file_index:03d': f'{number:03d}'}
-        name = _PLACE.sub(lambda found: values[found[1]], text) if isinstance(text, str) else ''
-        path = self.folder / name
-        if not name or '{' in name or not path.resolve().is_relative_to(self.folder.resolve()):
-            raise DatasetError(f'{template} in {INFO} is {printable(text)}, which is not the path '
-                               'of a file in the set')
-        return path
-
-    def tables(self, path: Path) -> Iterator[Any]:
-        """
-        Yield the row groups of a Parquet file.
-
-        :raises DatasetError: the file cannot be read, or a row group is too large.
-        """
-        pa = import_pyarrow()
-        shown = printable(path.relative_to(self.folder), MAX_PATH)
-        try:
-            with open(open_regular(path), 'rb') as opened:
-                file = pa.parquet.ParquetFile(opened)
-                for number in range(file.num_row_groups):
-                    size = file.metadata.row_group(number).total_byte_size
-                    if size > _MAX_GROUP:
-                        raise DatasetError(f'{shown} has a row group of {size} bytes, at most '
-                                           f'{_MAX_GROUP} are read')
-                    yield file.read_row_group(number)
-        except (OSError, pa.ArrowException) as err:
-            reason = getattr(err, 'strerror', None) or err
-            raise DatasetError(f'{shown} cannot be read: {printable(reason)}') from err
-
-    def episodes(self) -> list[dict[str, Any]]:
-        """
-        Return the rows of the table of episodes, without statistics.
-
-        :raises DatasetError: the table is missing or invalid.
-        """
-        found: list[dict[str, Any]] = []
-        for path in sorted((self.folder / 'meta/episodes').glob('chunk-*/file-*.parquet')):
-            for table in self.tables(path):
-                found += table.select([name for name in table.column_names
-                                       if not name.startswith('stats/')]).to_pylist()
-        needed = {'episode_index', 'length', 'dataset_from_index', 'dataset_to_index',
-                  'data/chunk_index', 'data/file_index', 'tasks'} | {
-                      f'videos/{key}/{name}' for key in self.video_keys
-                      for name in ('chunk_index', 'file_index', 'from_timestamp', 'to_timestamp')}
-        for row in found:
-            missing = sorted(needed - row.keys())
-            wrong = [name for name in needed & row.keys()
-                     if name != 'tasks' and not isinstance(row[name], int | float)]
-            if missing or wrong:
-                raise DatasetError(f'the table of episodes has no valid {(missing + wrong)[0]}')
-        if not found:
-            raise DatasetError('meta/episodes has no episode')
-        return found
-
-    @property
-    def video_keys(self) -> list[str]:
-        """Names of the features that are videos."""
-        return [key for key, one in self.features.items() if one['dtype'] == 'video']
 
 
 def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
@@ -153,7 +39,7 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[
     :raises DatasetError: a file cannot be read.
     """
     yield from _total_problems(reader, episodes)
-    tasks = sum(table.num_rows for table in reader.tables(reader.folder / TASKS))
+    tasks = yield from _task_problems(reader)
     seen: dict[str, list[Any]] = {}
     rows = 0
     for place in dict.fromkeys((row['data/chunk_index'], row['data/file_index'])
@@ -164,7 +50,7 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[
                 raise DatasetError(f'data and {INFO} differ in the columns '
                                    f'{enumerated(sorted(map(printable, wrong)))}')
             columns = {name: _numbers(reader, table, name) for name in table.column_names
-                       if _is_number(reader.features[name])}
+                       if reader.features[name]['dtype'] in _NUMBERS}
             for problem, count in _value_problems(reader, columns, tasks).items():
                 yield f'{count} {problem} in rows from {rows} on'
             for name in columns:
@@ -178,8 +64,22 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[
             rows += table.num_rows
     if rows != episodes[-1]['dataset_to_index']:
         yield f'there are {rows} rows, but the episodes have {episodes[-1]["dataset_to_index"]}'
-    yield from _statistics_problems(reader, {
-        name: np.concatenate(values) for name, values in seen.items()})
+    if rows:
+        yield from _statistics_problems(reader, {
+            name: np.concatenate(values) for name, values in seen.items()})
+
+
+def _task_problems(reader: SetReader) -> Generator[str, None, int]:
+    """Yield what is wrong with the tasks; return their number."""
+    numbers: list[Any] = []
+    for table in reader.tables(reader.folder / TASKS, ['task_index']):
+        numbers += table.column('task_index').to_pylist()
+    if numbers != [*range(len(numbers))]:
+        yield f'{TASKS} does not number its {len(numbers)} tasks from 0'
+    if reader.info.get('total_tasks') != len(numbers):
+        yield (f'{INFO} has total_tasks {printable(reader.info.get("total_tasks"))}, but there '
+               f'are {len(numbers)}')
+    return len(numbers)
 
 
 def _total_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
@@ -190,28 +90,28 @@ def _total_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterat
         if place != expected or row['length'] < 1:
             yield (f'episode {number} has number, first and last row {place}, not {expected}, and '
                    f'{row["length"]} rows')
-        begin += max(0, int(row['length']))
+        begin += row['length']
     totals = {'total_episodes': len(episodes), 'total_frames': begin,
               'splits': {'train': f'0:{len(episodes)}'}}
     for name, value in totals.items():
         found = reader.info.get(name)
-        if found != value and not (name == 'splits' and found and 'train' not in found):
+        has_other_splits = name == 'splits' and isinstance(found, dict) and 'train' not in found
+        if found != value and not has_other_splits:
             yield f'{INFO} has {name} {printable(found)}, but the episodes have {value}'
-
-
-def _is_number(feature: Mapping[str, Any]) -> bool:
-    return feature['dtype'] in ('bool', 'int64', 'int32', 'float32', 'float64', 'int8', 'int16',
-                                'uint8', 'float16')
 
 
 def _numbers(reader: SetReader, table: Any, name: str) -> np.ndarray[Any, Any]:
     """Return the values of a column, (n, d)."""
     size = math.prod(reader.features[name]['shape'])
+    pa = import_pyarrow()
     column = table.column(name).combine_chunks()
-    while hasattr(column, 'flatten') and str(column.type).startswith(
-            ('list', 'fixed_size_list', 'large_list', 'extension')):
-        column = column.storage if hasattr(column, 'storage') else column.flatten()
-    values: np.ndarray[Any, Any] = column.to_numpy(zero_copy_only=False)
+    try:
+        while str(column.type).startswith(
+                ('list', 'fixed_size_list', 'large_list', 'extension')):
+            column = column.storage if hasattr(column, 'storage') else column.flatten()
+        values: np.ndarray[Any, Any] = column.to_numpy(zero_copy_only=False)
+    except (ValueError, pa.ArrowException) as err:
+        raise DatasetError(f'{printable(name)} cannot be read: {printable(err)}') from err
     if values.size != table.num_rows * size or values.dtype.kind not in 'biuf':
         raise DatasetError(f'{printable(name)} has {values.size} numbers in {table.num_rows} '
                            f'rows, but its shape is {reader.features[name]["shape"]}')
@@ -227,9 +127,10 @@ def _value_problems(reader: SetReader, columns: dict[str, Any], tasks: int) -> d
         np.abs(columns['timestamp'] - times) > _MAX_TIME_ERROR + 1e-6 * times))
     found['task numbers without a task'] = int(np.count_nonzero(
         (columns['task_index'] < 0) | (columns['task_index'] >= tasks)))
-    for name, kind in DEFAULT_TYPES.items():
-        found[f'values of {name} that are not {kind}'] = (
-            0 if columns[name].dtype == kind else len(columns[name]))
+    for name, values in columns.items():
+        kind = reader.features[name]['dtype']
+        found[f'values of {printable(name)} that are {values.dtype}, not {kind}'] = (
+            0 if values.dtype == kind else values.size)
     return {text: count for text, count in found.items() if count}
 
 
@@ -243,21 +144,29 @@ def _expected(episodes: list[dict[str, Any]], begin: int, count: int) -> dict[st
 
 def _statistics_problems(reader: SetReader, columns: dict[str, Any]) -> Iterator[str]:
     statistics = reader.read_json(STATS)
-    for key in reader.features:
+    for key, feature in reader.features.items():
+        if feature['dtype'] not in (*_NUMBERS, *_IMAGES):
+            continue  # such as a text, which has none
         found = statistics.get(key)
         if not isinstance(found, dict):
             yield f'{STATS} has no statistics of {printable(key)}'
             continue
-        if key not in columns:
-            continue
-        values = columns[key].astype(np.float64)
-        exact = {'min': values.min(axis=0), 'max': values.max(axis=0), 'mean': values.mean(axis=0),
-                 'std': values.std(axis=0), 'count': np.array([len(values)])}
-        spread = 1e-4 * (np.abs(values).max(axis=0) + 1e-6)
-        for name, value in exact.items():
-            try:
-                given = np.array(found.get(name), np.float64).ravel()
-            except (TypeError, ValueError):
-                given = np.array([])
-            if given.shape != value.shape or not (np.abs(given - value) <= spread).all():
-                yield f'{STATS} has another {name} of {printable(key)} than the rows'
+        if key in columns:
+            with np.errstate(all='ignore'):  # rows that are not finite were named before
+                for name in _wrong_statistics(columns[key].astype(np.float64), found):
+                    yield f'{STATS} has another {name} of {printable(key)} than the rows'
+
+
+def _wrong_statistics(values: np.ndarray[Any, Any], found: dict[str, Any]) -> Iterator[str]:
+    """Yield the names of the statistics that are not those of (n, d) numbers."""
+    exact = {'min': values.min(axis=0), 'max': values.max(axis=0), 'mean': values.mean(axis=0),
+             'std': values.std(axis=0), 'count': np.array([len(values)])}
+    spread = 1e-4 * (np.abs(values).max(axis=0) + 1e-6)
+    for name, value in exact.items():
+        try:
+            given = np.array(found.get(name), np.float64).ravel()
+        except (TypeError, ValueError, OverflowError):
+            given = np.array([])
+        limit = 0 if name == 'count' else spread
+        if given.shape != value.shape or not (np.abs(given - value) <= limit).all():
+            yield name

@@ -23,18 +23,18 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.datasets.check import SetReader
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.merge import FINGERPRINTS
 from opencv_tools.datasets.part import FINGERPRINT
 from opencv_tools.datasets.pictures import fingerprint
 from opencv_tools.datasets.plan import IMAGES
+from opencv_tools.datasets.set_reader import SetReader
 from opencv_tools.datasets.videos import frame_luma, video_frames
 from opencv_tools.image.text import printable
 
 _MAX_TIME_ERROR = 1e-4  # seconds, as in LeRobot
 _MAX_LEVELS = 12.0  # largest difference of the small pictures of a frame, on average
-_SHIFT_LEVELS = 0.5  # by which the pictures of another row must fit better
+_SHIFT_LEVELS = 0.5  # by which the picture of another row must fit better
 
 
 def video_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
@@ -67,9 +67,9 @@ def _fingerprints(reader: SetReader, key: str, rows: int) -> NDArray[np.uint8] |
         return None
     column = FINGERPRINT + key.removeprefix(IMAGES)
     found: list[bytes] = []
-    for table in reader.tables(reader.folder / FINGERPRINTS):
-        found += table.column(column).to_pylist() if column in table.column_names else []
-    if len(found) != rows or any(len(one) != 64 for one in found):
+    for table in reader.tables(reader.folder / FINGERPRINTS, [column]):
+        found += table.column(column).to_pylist()
+    if len(found) != rows or not all(isinstance(one, bytes) and len(one) == 64 for one in found):
         raise DatasetError(f'{FINGERPRINTS} has {len(found)} pictures of {printable(key)}, but '
                            f'there are {rows} rows')
     return np.frombuffer(b''.join(found), np.uint8).reshape(rows, -1)
@@ -82,7 +82,7 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
     for row in episodes:
         for name, frame in (('from', begin), ('to', begin + row['length'])):
             found = row[f'videos/{key}/{name}_timestamp']
-            if abs(found - frame / reader.fps) > _MAX_TIME_ERROR:
+            if not abs(found - frame / reader.fps) <= _MAX_TIME_ERROR:
                 yield (f'episode {row["episode_index"]} has {name}_timestamp {found}, not '
                        f'{frame / reader.fps}')
         begin += row['length']
@@ -112,7 +112,10 @@ def _picture_problems(seen: NDArray[np.uint8], expected: NDArray[np.uint8]) -> I
     bad = np.flatnonzero(errors > _MAX_LEVELS)
     if len(bad):
         yield f'{len(bad)} frames differ from the pictures of the bag, the first is {bad[0]}'
-    for shift in (-1, 1):
-        moved = np.abs(seen.astype(int) - np.roll(expected, shift, axis=0)).mean(axis=1)[1:-1]
-        if len(moved) and moved.mean() + _SHIFT_LEVELS < errors[1:-1].mean():
-            yield f'the frames show the pictures of the row {"after" if shift < 0 else "before"}'
+    for shift, name in ((-1, 'after'), (1, 'before')):
+        moved = np.abs(seen.astype(int) - np.roll(expected, shift, axis=0)).mean(axis=1)
+        moved[-1 if shift < 0 else 0] = np.inf
+        wrong = np.flatnonzero(moved + _SHIFT_LEVELS < errors)
+        if len(wrong):
+            yield (f'{len(wrong)} frames show the picture of the row {name} theirs, the first is '
+                   f'{wrong[0]}')

@@ -20,30 +20,31 @@ from argparse import Namespace
 from collections.abc import Iterator, Sequence
 import os
 from pathlib import Path
-import shutil
 
-from opencv_tools.datasets.check import row_problems, SetReader
+from opencv_tools.datasets.check import row_problems
 from opencv_tools.datasets.check_videos import has_fingerprints, video_problems
 from opencv_tools.datasets.dry_run import describe_bag
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.episodes import check_bags
+from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import (
-    check_target, natural_key, remove_unfinished, replaced_folder, working_parts)
+    check_target, locked_parts, natural_key, remove_part, replaced_folder, working_parts)
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.lerobot import import_pyarrow, INFO
-from opencv_tools.datasets.merge import merge_parts
+from opencv_tools.datasets.merge import check_alike, merge_parts
 from opencv_tools.datasets.options import plan_of
 from opencv_tools.datasets.part import bag_state, is_done, PART, read_part
 from opencv_tools.datasets.plan import LEROBOT, Plan
 from opencv_tools.datasets.report import topic_lines
 from opencv_tools.datasets.sample_files import BAGS, gather_samples
+from opencv_tools.datasets.set_reader import SetReader
+from opencv_tools.datasets.shards import check_shards, write_shard
 from opencv_tools.datasets.tracks import resolved
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.logs import ConsoleWriter, Log
-from opencv_tools.regular_files import try_lock, user_path
+from opencv_tools.regular_files import user_path
 
 _EXIT_OK, _EXIT_FAILURE = 0, 1
 _MOST_PROBLEMS = 20
-_LOCK = '.lock'
 
 
 def run(options: Namespace) -> int:
@@ -56,17 +57,20 @@ def run(options: Namespace) -> int:
     log = Log(ConsoleWriter('img_convert'))
     import_pyarrow()
     paths = [user_path(path).absolute() for path in options.paths]
+    if paths and paths[-1].name in ('', '..'):
+        raise DatasetError(f'{printable(paths[-1], MAX_PATH)} has no name; give a folder by its '
+                           'name')
     try:
         if options.check:
             _check_count(paths, 1, 1, 'img_convert --check SET')
             return _check(paths[0], log)
         if options.merge:
             _check_count(paths, 2, 1 << 30, 'img_convert --merge SHARD [SHARD ...] SET')
-            return _merge(paths[:-1], paths[-1], options.overwrite, log)
+            return _merge(paths[:-1], paths[-1], options, log)
         _check_count(paths, 2, 2, 'img_convert SOURCE TARGET --format FORMAT')
         return _Conversion(options, plan_of(options), paths[1], log).run()
     except OSError as err:
-        log.error(f'{printable(err.filename or "", MAX_PATH)}: {err.strerror or err}')
+        log.error(os_reason(err))
         return _EXIT_FAILURE
 
 
@@ -82,6 +86,7 @@ class _Conversion:
         self._options, self._target, self._log = options, target, log
         self._parts = target if options.shard else working_parts(target)
         all_jobs = find_jobs(options.paths[0], self._parts)
+        check_bags(plan.intervals, [job.name for job in all_jobs])
         self._jobs = all_jobs
         if options.shard:
             first, count = options.shard
@@ -94,17 +99,13 @@ class _Conversion:
         if options.dry_run:
             return self._dry_run()
         if options.shard:
+            write_shard(self._target, options.shard, [job.name for job in self._jobs])
             failed = self._convert()
             self._log.info(f'{len(self._jobs) - len(failed)} of {len(self._jobs)} bags are in '
                            f'{printable(self._target, MAX_PATH)}; join all shards with --merge')
             return _EXIT_FAILURE if failed else _EXIT_OK
-        check_target(self._target, (INFO, BAGS), options.overwrite)
-        self._parts.mkdir(parents=True, exist_ok=True)
-        with open(self._parts / _LOCK, 'w') as lock:
-            if not try_lock(lock.fileno()):
-                raise DatasetError(f'another img_convert is writing {printable(self._target)}; '
-                                   'wait for its end')
-            remove_unfinished(self._parts)
+        with locked_parts(self._target):
+            check_target(self._target, (INFO, BAGS), options.overwrite)
             failed = self._convert()
             done = [job for job in self._jobs if job not in failed]
             if not done or (failed and not options.skip_failed):
@@ -113,8 +114,11 @@ class _Conversion:
                     'written; mend them and run the command again, which converts only what is '
                     'missing, or leave them out with --skip-failed')
                 return _EXIT_FAILURE
-            _write_set([job.folder for job in done], self._target, self._log)
-            shutil.rmtree(self._parts)
+            if not _write_set([job.folder for job in done], self._target, self._log):
+                return _EXIT_FAILURE
+            for part in self._parts.iterdir():
+                if part.is_dir():
+                    remove_part(part)
         return _EXIT_FAILURE if failed else _EXIT_OK
 
     def _resolved(self, plan: Plan, jobs: Sequence[Job]) -> Plan:
@@ -142,8 +146,7 @@ class _Conversion:
 
     def _convert(self) -> list[Job]:
         """Convert the bags that are missing; return those that cannot be converted."""
-        missing = [job for job in self._jobs
-                   if not is_done(job.folder, self._plan, bag_state(job.path))]
+        missing = [job for job in self._jobs if not _is_done(job, self._plan)]
         if len(missing) < len(self._jobs):
             self._log.info(f'{len(self._jobs) - len(missing)} of {len(self._jobs)} bags are '
                            'converted already')
@@ -172,32 +175,40 @@ class _Conversion:
         return convert_here(jobs, self._plan, workers)
 
 
-def _write_set(parts: Sequence[Path], target: Path, log: Log) -> None:
-    """
-    Write a set of parts.
+def _is_done(job: Job, plan: Plan) -> bool:
+    try:
+        return is_done(job.folder, plan, bag_state(job.path))
+    except OSError:
+        return False  # its conversion says why
 
-    :raises DatasetError: the parts do not fit each other.
-    """
-    described = [read_part(part) for part in parts]
-    with replaced_folder(target) as folder:
-        if described[0]['format'] == LEROBOT:
-            merge_parts(parts, folder)
-        else:
-            gather_samples(parts, described, folder)
+
+def _write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
+    """Write a set of parts; return whether they fit each other."""
+    try:
+        described = [read_part(part) for part in parts]
+        check_alike(described)
+        with replaced_folder(target) as folder:
+            if described[0]['format'] == LEROBOT:
+                merge_parts(parts, described, folder)
+            else:
+                gather_samples(parts, described, folder)
+    except DatasetError as err:
+        log.error(str(err))
+        return False
     for line in topic_lines(described):
         log.info(line)
     episodes = [episode for part in described for episode in part['episodes']]
     log.info(f'{printable(target, MAX_PATH)} has {len(episodes)} episodes with '
              f'{sum(episode["length"] for episode in episodes)} rows of {len(parts)} bags')
+    return True
 
 
-def _merge(folders: Sequence[Path], target: Path, overwrite: bool, log: Log) -> int:
-    check_target(target, (INFO, BAGS), overwrite)
+def _merge(folders: Sequence[Path], target: Path, options: Namespace, log: Log) -> int:
     found: dict[str, Path] = {}
     for folder in folders:
         parts = [path.parent for path in folder.glob(f'*/{PART}')
                  if not path.parent.name.startswith('.')]
-        if not parts:
+        if not parts and not [*folder.glob('shard_*.json')]:
             raise DatasetError(f'{printable(folder, MAX_PATH)} has no part of a data set; give '
                                'folders that --shard has written')
         for part in parts:
@@ -206,12 +217,15 @@ def _merge(folders: Sequence[Path], target: Path, overwrite: bool, log: Log) -> 
                 raise DatasetError(f'{printable(bag)} is in {printable(found[bag].parent)} and in '
                                    f'{printable(folder)}; merge each bag once')
             found[bag] = part
-    try:
-        _write_set([found[bag] for bag in sorted(found, key=natural_key)], target, log)
-    except DatasetError as err:
-        log.error(str(err))
-        return _EXIT_FAILURE
-    return _EXIT_OK
+    for warning in check_shards(folders, found.keys(), options.skip_failed):
+        log.warning(warning)
+    if not found:
+        raise DatasetError('the shards have no bag')
+    with locked_parts(target):
+        check_target(target, (INFO, BAGS), options.overwrite)
+        is_written = _write_set(
+            [found[bag] for bag in sorted(found, key=natural_key)], target, log)
+    return _EXIT_OK if is_written else _EXIT_FAILURE
 
 
 def _check(folder: Path, log: Log) -> int:

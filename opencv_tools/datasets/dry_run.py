@@ -38,7 +38,7 @@ def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
     """
     bag = open_bag(path)
     recording = read_recording(bag, plan)
-    episodes = episodes_of(recording, plan, path.name)
+    episodes = episodes_of(recording, plan, name)
     uses: dict[str, list[str]] = {}
     for camera, topic in plan.images:
         uses.setdefault(topic, []).append(IMAGES + camera)
@@ -48,14 +48,15 @@ def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
             uses.setdefault(source.topic, []).append(f'{key} ({printable(names)})')
     if plan.episodes:
         uses.setdefault(plan.episodes.topic, []).append('begin and end of episodes')
-    rows = [len(one.times) for one in shortened(plan, episodes)]
+    kept = shortened(plan, episodes)
+    rows = [len(one.times) for one in kept]
     yield f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes'
     for found, count in sorted(bag.topics.items(), key=lambda pair: pair[0].name):
         use = ' and '.join(uses.get(found.name, ['not used']))
         yield f'  {printable(found.name)} ({printable(found.type_name)}, {count}): {use}'
     if plan.next_action:
         yield f'  {ACTION}: the state of the next row'
-    described = {'topics': {key: asdict(match(track.times, episodes, key))
+    described = {'topics': {key: asdict(match(track.times, kept, key))
                             for key, track in recording.tracks.items()}}
     for line in [*topic_lines([described]), *(f'warning: {one}' for one in recording.warnings)]:
         yield f'  {line}'

@@ -16,23 +16,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import csv
 import io
-import math
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Interval, Plan
-from opencv_tools.datasets.rows import choose, grid, pieces, Rows
+from opencv_tools.datasets.rows import choose, grid, pieces, Rows, TOLERANCE_NS
 from opencv_tools.datasets.tracks import Recording
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import enumerated, printable
 from opencv_tools.regular_files import read_regular
 from opencv_tools.units import NANO
 
 _MAX_TABLE = 1 << 24  # bytes
 _MOST = 100_000  # episodes of a bag
+_MOST_SECONDS = 1e8  # of a bag: three years
 _COLUMNS = ('start', 'end')
 
 Span = tuple[int, int, str]  # start, end (not included) and task
@@ -47,24 +49,46 @@ def read_intervals(path: Path) -> tuple[Interval, ...]:
     """
     shown = printable(path.name)
     try:
-        table = csv.DictReader(io.StringIO(read_regular(path, _MAX_TABLE).decode()))
+        table = csv.DictReader(io.StringIO(read_regular(path, _MAX_TABLE).decode(
+            'utf-8-sig')))
         columns = table.fieldnames or ()
         if not set(_COLUMNS) <= set(columns) or set(columns) - {*_COLUMNS, 'bag', 'task'}:
             raise DatasetError(f'{shown} has the columns {printable(", ".join(columns))}; give '
                                'start, end and, if needed, bag and task')
-        return tuple(_interval(row, f'{shown}, line {table.line_num}') for row in table)
+        found = tuple(_interval(row, f'{shown}, line {table.line_num}') for row in table)
     except (UnicodeDecodeError, csv.Error) as err:
         raise DatasetError(f'{shown} is not a table in CSV: {printable(err)}') from err
+    if not found:
+        raise DatasetError(f'{shown} has no episodes')
+    return found
 
 
 def _interval(row: dict[str, Any], where: str) -> Interval:
+    if None in row:
+        raise DatasetError(f'{where} has more fields than columns; put a text with commas in '
+                           '"..."')
     try:
         start, end = (float(row[name]) for name in _COLUMNS)
     except (TypeError, ValueError) as err:
         raise DatasetError(f'{where}: start and end must be numbers of seconds') from err
-    if not 0 <= start < end < math.inf:
-        raise DatasetError(f'{where}: start {start:g} is not before end {end:g}')
+    if not 0 <= start < end < _MOST_SECONDS:
+        raise DatasetError(f'{where}: start {start:g} is not before end {end:g}, both from 0 to '
+                           f'{_MOST_SECONDS:g} s')
     return Interval(row.get('bag') or '', start, end, row.get('task') or '')
+
+
+def check_bags(intervals: Sequence[Interval], bags: Sequence[str]) -> None:
+    """
+    Check that there are the bags of a table of episodes.
+
+    :param bags: names of all bags in the set.
+    :raises DatasetError: a bag of the table is missing.
+    """
+    known = {'', *bags, *(Path(bag).name for bag in bags)}
+    missing = next((one.bag for one in intervals if one.bag not in known), None)
+    if missing is not None:
+        raise DatasetError(f"the table of episodes has the bag '{printable(missing)}'; there is "
+                           f'{enumerated([printable(bag) for bag in bags])}')
 
 
 def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
@@ -73,7 +97,7 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
 
     Sentences about episodes without rows are added to the warnings of the recording.
 
-    :param bag: name of the file or folder, for a table of episodes.
+    :param bag: name of the bag in the set, for a table of episodes.
     :raises DatasetError: the topics have no time in common, a sample is too old, or two episodes
         overlap.
     """
@@ -87,7 +111,7 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     found: list[Rows] = []
     least = 2 if plan.next_action else 1
     for begin, stop, task in _spans(recording, plan, bag, end):
-        times = grid(max(begin, start), min(stop - 1, end), plan.fps)
+        times = grid(max(begin, start), min(stop - 1, end + TOLERANCE_NS), plan.fps)
         whole = Rows(times, {}, task)
         if len(times):
             whole = _checked(recording, plan, whole)
@@ -142,10 +166,10 @@ def _spans(recording: Recording, plan: Plan, bag: str, end: int) -> list[Span]:
         return [(-1 << 62, 1 << 62, '')]
     spans = sorted((recording.start_ns + round(one.start * NANO),
                     recording.start_ns + round(one.end * NANO), one.task)
-                   for one in plan.intervals if one.bag in ('', bag))
+                   for one in plan.intervals if one.bag in ('', bag, Path(bag).name))
     if not spans:
         raise DatasetError(f'the table of episodes has no line for {printable(bag)}')
-    for before, after in zip(spans, spans[1:]):
+    for before, after in pairwise(spans):
         if after[0] < before[1]:
             at = (after[0] - recording.start_ns) / NANO
             raise DatasetError(f'two episodes of {printable(bag)} overlap at {at:.3f} s')

@@ -16,6 +16,14 @@
 
 from __future__ import annotations
 
+from opencv_tools.image.text import MAX_PATH, printable
+
 
 class DatasetError(ValueError):
     """A data set cannot be written or read. The message contains the reason and the remedy."""
+
+
+def os_reason(err: OSError) -> str:
+    """Return the file and the reason of an error of the operating system; pyarrow sets neither."""
+    reason = printable(err.strerror or err, MAX_PATH)
+    return f'{printable(err.filename, MAX_PATH)}: {reason}' if err.filename else reason

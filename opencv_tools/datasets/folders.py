@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 import hashlib
 import os
 from pathlib import Path
@@ -25,10 +25,10 @@ import re
 import shutil
 
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.image.text import printable
-from opencv_tools.regular_files import natural_order
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.regular_files import is_same_file, natural_order, try_lock
 
-_OLD = '.replaced'
+_LOCK, _OLD, _NEW = '.lock', '.replaced', '.new'
 _UNSAFE = re.compile('[^A-Za-z0-9_.-]+')
 _MAX_STEM = 60  # characters of the name of a bag in that of its part
 
@@ -36,7 +36,7 @@ _MAX_STEM = 60  # characters of the name of a bag in that of its part
 def part_folder(parts: Path, bag: str) -> Path:
     """Return the folder of the part of a bag, by the name of the bag in the set."""
     digest = hashlib.sha256(bag.encode(errors='surrogateescape')).hexdigest()[:12]
-    stem = _UNSAFE.sub('_', bag).strip('._')[-_MAX_STEM:]
+    stem = _UNSAFE.sub('_', bag)[-_MAX_STEM:].strip('._')
     return parts / f'{stem}-{digest}'
 
 
@@ -45,12 +45,41 @@ def working_parts(target: Path) -> Path:
     return target.with_name(f'.{target.name}.parts')
 
 
-def remove_unfinished(parts: Path) -> None:
-    """Remove the parts that processes have left behind when they were killed."""
-    with suppress(FileNotFoundError):
-        for entry in parts.iterdir():
-            if entry.name.startswith('.') and entry.is_dir():
-                shutil.rmtree(entry, ignore_errors=True)
+@contextmanager
+def locked_parts(target: Path) -> Iterator[Path]:
+    """
+    Lock a set, and remove what commands have left behind that were killed.
+
+    :param target: folder of the set.
+    :returns: folder of its parts, for the context. It is removed at the end if it has no parts.
+    :raises DatasetError: another command writes the set.
+    :raises OSError: the folder cannot be written.
+    """
+    parts = working_parts(target)
+    parts.mkdir(parents=True, exist_ok=True)
+    path = parts / _LOCK
+    with path.open('w') as lock:
+        if not try_lock(lock.fileno()) or not is_same_file(lock.fileno(), path):
+            raise DatasetError(f'another img_convert is writing {printable(target, MAX_PATH)}; '
+                               'wait for its end')
+        try:
+            if (parts / _OLD).is_dir() and not target.exists():
+                (parts / _OLD).rename(target)  # killed between the two steps of a replacement
+            for entry in parts.iterdir():
+                if entry.name.startswith('.') and entry.is_dir():
+                    shutil.rmtree(entry, ignore_errors=True)
+            yield parts
+        finally:
+            if [*parts.iterdir()] == [path]:
+                path.unlink()
+                parts.rmdir()
+
+
+def remove_part(folder: Path) -> None:
+    """Remove a folder, which is complete or absent at any time."""
+    removed = folder.with_name(f'.{os.urandom(6).hex()}')
+    folder.rename(removed)
+    shutil.rmtree(removed, ignore_errors=True)
 
 
 def check_target(target: Path, marks: tuple[str, ...], overwrite: bool) -> None:
@@ -62,9 +91,6 @@ def check_target(target: Path, marks: tuple[str, ...], overwrite: bool) -> None:
     :param overwrite: whether it may be replaced.
     :raises DatasetError: the folder exists and may not be replaced.
     """
-    old = target.with_name(f'.{target.name}{_OLD}')
-    if old.is_dir() and not target.exists():
-        old.rename(target)  # a process was killed between the two steps of a replacement
     if target.is_symlink() or (target.exists() and not target.is_dir()):
         raise DatasetError(f'{printable(target)} is not a folder; give a new one')
     if not target.is_dir() or not any(target.iterdir()):
@@ -80,23 +106,22 @@ def check_target(target: Path, marks: tuple[str, ...], overwrite: bool) -> None:
 @contextmanager
 def replaced_folder(target: Path) -> Iterator[Path]:
     """
-    Write a folder beside another one, which it replaces when it is complete.
+    Write a folder that replaces another one when it is complete.
 
-    :param target: folder that is replaced or created; see ``check_target``.
+    :param target: folder that is replaced or created, within ``locked_parts``.
     :returns: the new folder, for the context. It is removed if the context raises an exception.
     :raises OSError: the folder cannot be written.
     """
-    target.parent.mkdir(parents=True, exist_ok=True)
-    work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')
-    old = target.with_name(f'.{target.name}{_OLD}')
+    parts = working_parts(target)
+    work, old = parts / _NEW, parts / _OLD
     work.mkdir()
     try:
         yield work
         if target.exists():
-            shutil.rmtree(old, ignore_errors=True)
             target.rename(old)
         work.rename(target)
-        shutil.rmtree(old, ignore_errors=True)
+        if old.exists():
+            remove_part(old)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 

@@ -24,13 +24,15 @@ import glob
 import multiprocessing
 import os
 from pathlib import Path
+from threading import Thread
 
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
 from opencv_tools.datasets.part import convert_bag
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.image.text import printable
+from opencv_tools.regular_files import user_path
 from opencv_tools.signals import ignore_signals
 
 _MOST_BAGS = 1_000_000
@@ -59,14 +61,16 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
     :param parts: folder of the parts.
     :raises DatasetError: there is no bag.
     """
-    path = Path(source).expanduser()
+    path = user_path(source)
     if is_bag(path):
         found = [(path, path.name)]
     elif path.is_dir():
         found = [(bag, str(bag.relative_to(path))) for bag in _bags_below(path)]
     else:
         matches = [Path(match) for match in glob.glob(str(path), recursive=True)]
-        bags = [match for match in matches if is_bag(match)]
+        folders = {match for match in matches if match.is_dir() and is_bag(match)}
+        bags = [match for match in matches  # not a folder and its files
+                if match in folders or (is_bag(match) and folders.isdisjoint(match.parents))]
         root = Path(os.path.commonpath([bag.absolute().parent for bag in bags])) if bags else path
         found = [(bag, str(bag.absolute().relative_to(root))) for bag in bags]
     if not found:
@@ -97,7 +101,7 @@ def convert_job(job: Job, plan: Plan, threads: int) -> str:
     except DatasetError as err:
         return str(err)
     except OSError as err:
-        return err.strerror or str(err)
+        return os_reason(err)
     except MemoryError:
         return 'there is not enough memory'
     return ''
@@ -149,6 +153,15 @@ def _begin() -> None:
     import cv2
     ignore_signals()
     cv2.setNumThreads(1)
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End the process when its parent was killed; otherwise it would wait forever."""
+    parent = multiprocessing.parent_process()
+    if parent:
+        parent.join()
+        os._exit(1)
 
 
 def _kill(pool: ProcessPoolExecutor) -> None:

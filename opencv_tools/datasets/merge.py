@@ -26,9 +26,9 @@ import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import (
     CHUNK_FILES, DATA_MEGABYTES, DATA_PATH, EPISODES_PATH, Features, flat_statistics,
-    import_pyarrow, info, INFO, row_columns, STATS, TASKS, tasks_table, VIDEO_MEGABYTES,
+    import_pyarrow, INFO, info, row_columns, STATS, TASKS, tasks_table, VIDEO_MEGABYTES,
     VIDEO_PATH)
-from opencv_tools.datasets.part import FINGERPRINT, read_part, ROWS
+from opencv_tools.datasets.part import FINGERPRINT, ROWS
 from opencv_tools.datasets.plan import IMAGES
 from opencv_tools.datasets.statistics import joined, numbers_statistics, Statistics
 from opencv_tools.datasets.videos import join_videos, stream_settings
@@ -56,23 +56,27 @@ class _File:
         self.number, self.size, self.items = self.number + 1, 0, []
 
 
-def merge_parts(parts: Sequence[Path], folder: Path) -> dict[str, int]:
+def merge_parts(parts: Sequence[Path], described: list[dict[str, Any]], folder: Path,
+                ) -> dict[str, int]:
     """
     Write a data set of parts.
 
     :param parts: folders of the parts, in the order of their episodes.
+    :param described: what their part.json says; see ``check_alike``.
     :param folder: new folder of the data set, which exists and is empty.
     :returns: numbers of episodes, frames and tasks.
-    :raises DatasetError: the parts do not fit each other.
+    :raises DatasetError: a part is damaged.
     :raises OSError: a file cannot be read or written.
     """
-    described = [read_part(part) for part in parts]
-    _check_alike(described)
     return _Merge(parts, described, folder).write()
 
 
-def _check_alike(parts: list[dict[str, Any]]) -> None:
-    """Check that all parts have the same features, apart from the settings of their encoders."""
+def check_alike(parts: list[dict[str, Any]]) -> None:
+    """
+    Check that all parts have the same features, apart from the settings of their encoders.
+
+    :raises DatasetError: they do not fit each other.
+    """
     first = parts[0]
     for other in parts[1:]:
         for name in ('fps', 'robot_type', 'format'):
@@ -225,7 +229,7 @@ class _Merge:
         pa.parquet.write_table(pa.Table.from_pylist(rows), path)
 
     def _write_json(self, name: str, content: Any) -> None:
-        self._path(name).write_text(json.dumps(content, indent=4, ensure_ascii=False))
+        self._path(name).write_text(json.dumps(content, indent=4))
 
     def _path(self, name: str) -> Path:
         """Return the path of a file in the data set, whose folder exists."""

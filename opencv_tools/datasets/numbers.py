@@ -27,7 +27,7 @@ from opencv_tools.datasets.plan import NumbersSource
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.message_types.codec import MessageCodec
-from opencv_tools.message_types.definition import DefinitionError, read_definition
+from opencv_tools.message_types.definition import Array, DefinitionError, read_definition
 
 # Fields with the names of the numbers in the arrays beside them, as in JointState.
 _NAME_FIELDS = ('name', 'names', 'joint_names')
@@ -51,7 +51,7 @@ class MessageReader:
             raise DatasetError(f'{printable(topic.name)} cannot be read: {err}') from err
         fields = found.types[found.name].fields
         #: Whether a message begins with a time, that of a header or its own.
-        self.has_stamp = bool(fields) and fields[0].base in (
+        self.has_stamp = bool(fields) and fields[0].array is Array.NONE and fields[0].base in (
             'std_msgs/msg/Header', 'builtin_interfaces/msg/Time')
 
     def read(self, serialized: Any) -> dict[str, Any]:
@@ -99,6 +99,9 @@ def numbers_of(message: dict[str, Any], source: NumbersSource) -> NDArray[np.flo
     if not source.names or names == source.names:
         return values
     places = {name: place for place, name in enumerate(names)}
+    if len(places) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DatasetError(f"'{twice}' is there twice")
     missing = [name for name in source.names if name not in places]
     if missing:
         raise DatasetError(f'{enumerated(missing)} of {len(source.names)} is missing; there is '

@@ -23,7 +23,8 @@ from dataclasses import replace
 from opencv_tools.datasets.episodes import read_intervals
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import (
-    ACTION, Interval, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan, STATE, unique)
+    ACTION, Interval, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan, RESERVED,
+    STATE, unique)
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import user_path
 
@@ -46,11 +47,17 @@ def plan_of(options: Namespace) -> Plan:
         (STATE, options.state), (ACTION, [] if is_next else options.action)) if texts]
     for text in options.vector:
         name, source = parse_named(text, 'a feature')
+        if name in RESERVED or (is_next and name == ACTION):
+            raise DatasetError(f"a feature cannot have the name '{name}', which every data set "
+                               'has; give another name')
         vectors.append((name, _sources([source], ())))
     images = [parse_named(text, 'a camera') for text in options.image]
     if not images and not vectors:
         raise DatasetError('nothing is selected: give --image, --state, --action or --vector; '
                            '--dry-run lists the topics then')
+    for option, text in (('--task', options.task), ('--robot', options.robot)):
+        if not text.isprintable():
+            raise DatasetError(f"{option} '{printable(text)}' is not a printable text")
     episodes = None
     intervals: tuple[Interval, ...] = ()
     if options.episodes.startswith('/') and not options.episodes.endswith('.csv'):

@@ -27,26 +27,29 @@ import json
 import os
 from pathlib import Path
 import shutil
+from threading import Event
 from typing import Any
 
 import numpy as np
 from opencv_tools.bags.bag import Bag
-from opencv_tools.datasets.camera_video import write_video
+from opencv_tools.datasets.camera_video import Camera, Work, write_video
 from opencv_tools.datasets.episodes import episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features, rows_table
-from opencv_tools.datasets.plan import IMAGES, LEROBOT, Plan, STAMPS
+from opencv_tools.datasets.plan import FORMATS, IMAGES, LEROBOT, Plan, STAMPS
 from opencv_tools.datasets.row_values import (
-    row_numbers, row_stamps, row_vectors, shortened)
+    row_numbers, row_stamps, row_vectors, shortened, shown_rows)
 from opencv_tools.datasets.rows import match, Rows
 from opencv_tools.datasets.statistics import numbers_statistics
 from opencv_tools.datasets.tracks import open_bag, read_recording, Recording
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import read_regular
 
 PART, ROWS = 'part.json', 'rows.parquet'
 FINGERPRINT = 'fingerprint.'
 _MAX_PART = 1 << 28  # bytes of part.json
+_KINDS = {'bag': str, 'plan': str, 'state': list, 'fps': int, 'robot_type': str, 'format': str,
+          'warnings': list, 'topics': dict, 'features': dict, 'episodes': list}
 
 
 def bag_state(path: Path) -> list[list[Any]]:
@@ -77,21 +80,21 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1)
         return
     bag = open_bag(Path(path))
     recording = read_recording(bag, plan)
-    episodes = episodes_of(recording, plan, Path(path).name)
+    episodes = episodes_of(recording, plan, name)
     target.parent.mkdir(parents=True, exist_ok=True)
     work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')
     work.mkdir()
     try:
-        content = _Content(plan, bag, recording, episodes, work, threads)
         if plan.format == LEROBOT:
-            described = content.write_lerobot()
+            content = _Content(plan, bag, recording, episodes, work, threads)
+            described, kept = content.write_lerobot(), content.episodes
         else:
             from opencv_tools.datasets.sample_files import write_samples
-            described = write_samples(plan, bag, recording, episodes, work, name)
+            described, kept = write_samples(plan, bag, recording, episodes, work, name)
         text = json.dumps({
             'bag': name, 'state': state, 'plan': plan.digest, 'fps': plan.fps,
             'robot_type': plan.robot_type, 'format': plan.format, 'warnings': recording.warnings,
-            'topics': {key: asdict(match(track.times, episodes, key))
+            'topics': {key: asdict(match(track.times, kept, key))
                        for key, track in recording.tracks.items()}, **described})
         (work / PART).write_text(text)
         _publish(work, target, plan, state)
@@ -125,32 +128,28 @@ class _Content:
     def __init__(self, plan: Plan, bag: Bag, recording: Recording, episodes: list[Rows],
                  folder: Path, threads: int) -> None:
         self._plan, self._bag, self._recording = plan, bag, recording
-        self._episodes = shortened(plan, episodes)
+        self.episodes = shortened(plan, episodes)
         self._whole = episodes  # with the last state, which is only an action
         self._folder, self._threads = folder, threads
 
     def write_lerobot(self) -> dict[str, Any]:
         """Write the rows and the videos; return what part.json says of them."""
-        names = [name for name, _ in self._plan.images]
-        workers = max(1, min(self._threads, len(names)))
-        with ThreadPoolExecutor(workers) as pool:
-            cameras = dict(zip(names, pool.map(lambda name: write_video(
-                self._plan, self._bag, name, self._recording.tracks[name], self._episodes,
-                self._folder / f'{name}.mp4', self._threads), names)))
+        cameras = self._write_videos()
+        self.episodes = shown_rows(
+            self.episodes, {name: camera.samples for name, camera in cameras.items()},
+            self._recording.warnings)
         features = plan_features(self._plan, {
             name: camera.size for name, camera in cameras.items()})
         pa = import_pyarrow()
         vectors = row_vectors(self._plan, self._recording, self._whole)
         tables, described = [], []
         begin = 0
-        for number, rows in enumerate(self._episodes):
+        for number, rows in enumerate(self.episodes):
             count = len(rows.times)
-            shown = {name: camera.samples[begin:begin + count]
-                     for name, camera in cameras.items()}
             columns = {**{key: values[number].astype(np.float32)
                           for key, values in vectors.items()},
                        **row_numbers(rows, number, self._plan.fps),
-                       STAMPS: row_stamps(self._recording, rows, shown)}
+                       STAMPS: row_stamps(self._recording, rows)}
             statistics = {key: numbers_statistics(values.reshape(count, -1))
                           for key, values in columns.items()}
             statistics |= {IMAGES + name: camera.statistics[number]
@@ -169,6 +168,16 @@ class _Content:
         pa.parquet.write_table(pa.concat_tables(tables), self._folder / ROWS)
         return {'features': features, 'episodes': described}
 
+    def _write_videos(self) -> dict[str, Camera]:
+        names = [name for name, _ in self._plan.images]
+        work = Work(self._plan, self._bag, self.episodes, self._folder, self._threads, Event())
+        with ThreadPoolExecutor(max(1, min(self._threads, len(names)))) as pool:
+            try:
+                return dict(zip(names, pool.map(lambda name: write_video(
+                    work, name, self._recording.tracks[name]), names)))
+            finally:
+                work.ended.set()  # after an error or Ctrl-C nobody waits for the others
+
 
 def read_part(folder: Path) -> dict[str, Any]:
     """
@@ -178,9 +187,15 @@ def read_part(folder: Path) -> dict[str, Any]:
     """
     try:
         content: dict[str, Any] = json.loads(read_regular(folder / PART, _MAX_PART))
-        if not {'bag', 'plan', 'state', 'fps'} <= content.keys():
-            raise DatasetError('something is missing')
-    except (OSError, ValueError, AttributeError) as err:
-        raise DatasetError(f'{printable(folder)} is no part of a data set: {printable(err)}'
+        wrong = [name for name, kind in _KINDS.items() if not isinstance(content[name], kind)]
+        if wrong or content['format'] not in FORMATS:
+            raise DatasetError(f'{PART} has no valid {(wrong or ["format"])[0]}')
+        if not content['episodes'] or not all(
+                isinstance(one['length'], int) and isinstance(one['task'], str)
+                for one in content['episodes']):
+            raise DatasetError(f'{PART} has no valid episodes')
+    except (OSError, ValueError, TypeError, LookupError, RecursionError) as err:
+        reason = printable(getattr(err, 'strerror', None) or err)
+        raise DatasetError(f'{printable(folder, MAX_PATH)} is no part of a data set: {reason}'
                            ) from err
     return content

@@ -60,25 +60,28 @@ def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
     current = -1
     shown: tuple[int, OutputImage] | None = None
     size: tuple[int, int] | None = None
+    reason = ''
     with closing(pictures):
         for sample in rows:
             if sample != current:
-                current, picture = sample, next(pictures, None)
-                if picture is not None and picture.size != (size or picture.size):
+                current, picture = sample, next(pictures, 'it is missing')
+                if isinstance(picture, str):
+                    reason = picture
+                elif picture.size != (size or picture.size):
                     raise DatasetError(f'{name} changes its size from {size} to {picture.size}; '
                                        'all pictures of a camera must have one size')
-                if picture is not None:
+                else:
                     shown, size = (sample, picture), picture.size
             if shown is None:
                 raise DatasetError(f'{name} has no picture for the first row: message '
                                    f'{track.messages[sample]} of {printable(track.topic.name)} '
-                                   'cannot be decoded')
+                                   f'cannot be decoded: {reason}')
             yield shown
 
 
 def _pictures(bag: Bag, topic: BagTopic, messages: NDArray[np.int64],
-              ) -> Generator[OutputImage | None, None, None]:
-    """Yield the picture of each message in a list of numbers; None if it cannot be decoded."""
+              ) -> Generator[OutputImage | str, None, None]:
+    """Yield the picture of each message in a list of numbers, or why it cannot be decoded."""
     reader, video = copy(bag), BagVideo(topic.type_name)  # the copy has its own open file
     numbers = iter(messages.tolist())
     wanted = next(numbers, None)
@@ -102,18 +105,18 @@ def _pictures(bag: Bag, topic: BagTopic, messages: NDArray[np.int64],
         raise DatasetError(str(err)) from err
 
 
-def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo) -> OutputImage | None:
+def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo) -> OutputImage | str:
     try:
         serialized = decompressed_message(item.load())
         _, image, encoding = read_picture(topic.type_name, serialized, video, item.number)
         picture = OutputImage(CapturedFrame(image, encoding), _SETTINGS)
-    except (BagError, ImageError, OSError):
+    except (BagError, ImageError, OSError) as err:
         video.restart()
-        return None
+        return str(err)
     try:
         _ = picture.image  # decoded here, once
-    except ImageError:
-        return None
+    except ImageError as err:
+        return str(err)
     return picture
 
 

@@ -30,6 +30,9 @@ IMAGES = 'observation.images.'
 #: Times of the samples of each row, in nanoseconds.
 STAMPS = 'stamp_ns'
 #: Value of --action for the state of the next row.
+#: Columns that every data set has.
+RESERVED = ('timestamp', 'frame_index', 'episode_index', 'index', 'task_index', STAMPS, 'bag',
+            'episode', 'frame', 'task')
 NEXT = 'next'
 LEROBOT, WEBDATASET, PARQUET = FORMATS = ('lerobot', 'webdataset', 'parquet')
 
@@ -62,7 +65,7 @@ class Interval:
     """
     An interval of a bag that becomes an episode.
 
-    :param bag: name of the file or folder; '' for every bag.
+    :param bag: name of the bag in the set, or of its file or folder; '' for every bag.
     :param start: seconds from the first message of the bag.
     :param end: the same, of the end.
     :param task: text of the task; '' for that of the plan.

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,29 @@ def shortened(plan: Plan, episodes: Sequence[Rows]) -> list[Rows]:
     return [rows.part(0, len(rows.times) - 1) if plan.next_action else rows for rows in episodes]
 
 
+def shown_rows(episodes: Sequence[Rows], shown: Mapping[str, NDArray[np.int64]],
+               warnings: list[str]) -> list[Rows]:
+    """
+    Return rows with the samples that cameras really show, and add a warning about the others.
+
+    :param shown: number of the sample of each row of all episodes, by the name of the camera.
+    :param warnings: sentences about the bag, to which others are added.
+    """
+    for name, samples in shown.items():
+        wanted = np.concatenate([rows.samples[name] for rows in episodes])
+        lost = len(np.setdiff1d(wanted, samples))
+        if lost:
+            warnings.append(f'{name}: {lost} pictures cannot be decoded, so rows repeat those '
+                            'before them')
+    found, begin = [], 0
+    for rows in episodes:
+        end = begin + len(rows.times)
+        found.append(replace(rows, samples={
+            **rows.samples, **{name: one[begin:end] for name, one in shown.items()}}))
+        begin = end
+    return found
+
+
 def row_numbers(rows: Rows, episode: int, fps: int) -> dict[str, NDArray[Any]]:
     """Return the columns that number the rows of an episode; tasks are numbered by the merge."""
     count = len(rows.times)
@@ -42,14 +66,9 @@ def row_numbers(rows: Rows, episode: int, fps: int) -> dict[str, NDArray[Any]]:
             'task_index': np.zeros(count, np.int64)}
 
 
-def row_stamps(recording: Recording, rows: Rows, shown: Mapping[str, NDArray[np.int64]],
-               ) -> NDArray[np.int64]:
-    """
-    Return the time of each sample of each row, (n, d) in nanoseconds.
-
-    :param shown: numbers of the samples that cameras really show.
-    """
-    return np.stack([track.times[shown.get(name, rows.samples[name])]
+def row_stamps(recording: Recording, rows: Rows) -> NDArray[np.int64]:
+    """Return the time of each sample of each row, (n, d) in nanoseconds."""
+    return np.stack([track.times[rows.samples[name]]
                      for name, track in recording.tracks.items()], axis=1)
 
 
@@ -75,9 +94,9 @@ def row_vectors(plan: Plan, recording: Recording, episodes: Sequence[Rows],
 
 def _numbers(plan: Plan, recording: Recording, name: str, rows: Rows) -> NDArray[np.float64]:
     track = recording.tracks[name]
-    values = (interpolate(track.times, track.values, rows.times)
-              if plan.vector_choice == 'linear' else track.values[rows.samples[name]])
-    with np.errstate(over='ignore'):  # what is too large becomes infinite
+    with np.errstate(over='ignore', invalid='ignore'):  # what is too large becomes infinite
+        values = (interpolate(track.times, track.values, rows.times)
+                  if plan.vector_choice == 'linear' else track.values[rows.samples[name]])
         bad = ~np.isfinite(values.astype(np.float32)).all(axis=1)
     if bad.any():
         at = (int(rows.times[int(np.argmax(bad))]) - recording.start_ns) / NANO

@@ -30,6 +30,8 @@ from opencv_tools.units import NANO
 
 Times = NDArray[np.int64]
 
+#: A sample that is so little after a row belongs to it: many stamps are cut to microseconds.
+TOLERANCE_NS = 1000
 _MOST_ROWS = 10_000_000  # of a bag: four days at 30 Hz
 
 
@@ -59,7 +61,7 @@ def grid(start: int, end: int, fps: int) -> Times:
 
     :raises DatasetError: there are too many rows.
     """
-    count = (end - start) * fps // NANO + 1
+    count = ((end - start + 1) * fps - 1) // NANO + 1  # those whose time, cut to ns, is in it
     if count > _MOST_ROWS:
         raise DatasetError(f'{(end - start) / NANO:.0f} s have {count} rows at {fps} Hz, at most '
                            f'{_MOST_ROWS} are possible; check the times, or use --clock log')
@@ -72,14 +74,19 @@ def choose(times: Times, rows: Times, choice: str) -> Times:
 
     :param times: (n,) increasing times of the samples; the first is not after the first row.
     :param rows: (m,) increasing times of the rows.
-    :param choice: 'last' for the last sample that is not after the row, 'nearest' for the nearest.
+    :param choice: 'last' for the last sample that is not after the row, apart from
+        ``TOLERANCE_NS``, or 'nearest' for the nearest.
     :returns: (m,) numbers of samples.
     """
-    last = np.maximum(np.searchsorted(times, rows, side='right') - 1, 0)
     if choice == 'last':
-        return last
+        return _last(times, rows + TOLERANCE_NS)
+    last = _last(times, rows)
     following = np.minimum(last + 1, len(times) - 1)
     return np.where(np.abs(times[following] - rows) < np.abs(rows - times[last]), following, last)
+
+
+def _last(times: Times, rows: Times) -> Times:
+    return np.maximum(np.searchsorted(times, rows, side='right') - 1, 0)
 
 
 def interpolate(times: Times, values: NDArray[np.float64], rows: Times,
@@ -92,7 +99,7 @@ def interpolate(times: Times, values: NDArray[np.float64], rows: Times,
     :param rows: (m,) times of the rows, within the times.
     :returns: (m, d) numbers.
     """
-    last = choose(times, rows, 'last')
+    last = _last(times, rows)
     following = np.minimum(last + 1, len(times) - 1)
     span = np.maximum(times[following] - times[last], 1)
     share = ((rows - times[last]) / span)[:, np.newaxis]

@@ -32,12 +32,13 @@ from typing import Any
 import numpy as np
 from opencv_tools.bags.bag import Bag
 from opencv_tools.datasets.camera_video import check_age
-from opencv_tools.datasets.lerobot import import_pyarrow
+from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
 from opencv_tools.datasets.pictures import row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
-from opencv_tools.datasets.row_values import row_vectors, shortened
+from opencv_tools.datasets.row_values import row_vectors, shortened, shown_rows
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
+from opencv_tools.image.text import MAX_PATH, printable
 
 #: Name of the file in a part, by format.
 SAMPLES = {'webdataset': 'samples.tar', 'parquet': 'samples.parquet'}
@@ -47,28 +48,36 @@ _GROUP_ROWS = 100  # of a row group, because a row has pictures
 
 
 def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows],
-                  folder: Path, name: str) -> dict[str, Any]:
+                  folder: Path, name: str) -> tuple[dict[str, Any], list[Rows]]:
     """
     Write the samples of a bag.
 
     :param episodes: all rows; with ``next_action`` the last one of each is left out.
     :param folder: folder of the part.
     :param name: name of the bag in the set.
-    :returns: what part.json says of the samples.
+    :returns: what part.json says of the samples, and the rows with the pictures that they have.
     :raises DatasetError: a picture or a number cannot be used.
     :raises OSError: the file cannot be written.
     """
     path = folder / SAMPLES[plan.format]
-    samples = _samples(plan, bag, recording, episodes, name)
+    shown: dict[str, list[int]] = {camera: [] for camera, _ in plan.images}
+    samples = _samples(plan, bag, recording, episodes, name, shown)
     write = _write_tar if plan.format == WEBDATASET else _write_parquet
     write(path, samples)
-    return {'episodes': [{'length': len(rows.times), 'task': rows.task or plan.task}
-                         for rows in shortened(plan, episodes)]}
+    kept = shown_rows(shortened(plan, episodes), {
+        camera: np.array(one) for camera, one in shown.items()}, recording.warnings)
+    described = [{'length': len(rows.times), 'task': rows.task or plan.task} for rows in kept]
+    return {'features': plan_features(plan, {}), 'episodes': described}, kept
 
 
 def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows], name: str,
+             shown: dict[str, list[int]],
              ) -> Iterator[tuple[str, dict[str, Any], dict[str, bytes]]]:
-    """Yield the key of each sample, its numbers and texts, and the JPEG of each camera."""
+    """
+    Yield the key of each sample, its numbers and texts, and the JPEG of each camera.
+
+    The numbers of the samples that cameras show are added to ``shown``.
+    """
     vectors = row_vectors(plan, recording, episodes)
     kept = shortened(plan, episodes)
     with ExitStack() as stack:
@@ -84,13 +93,15 @@ def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows
                 jpegs = {}
                 for camera, pictures in cameras.items():
                     sample, picture = next(pictures)
+                    shown[camera].append(sample)
                     stamps[camera] = int(recording.tracks[camera].times[sample])
                     check_age(plan, camera, time_ns - stamps[camera])
                     jpegs[camera] = picture.jpeg[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
                 yield f'{number:06d}_{row:06d}', {
-                    'bag': name, 'episode': number, 'frame': row, 'timestamp': row / plan.fps,
-                    'task': rows.task or plan.task, 'stamp_ns': stamps, **values}, jpegs
+                    'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row,
+                    'timestamp': row / plan.fps, 'task': rows.task or plan.task,
+                    'stamp_ns': stamps, **values}, jpegs
 
 
 def _write_tar(path: Path, samples: Iterator[tuple[str, dict[str, Any], dict[str, bytes]]],

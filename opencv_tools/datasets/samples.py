@@ -78,14 +78,14 @@ class Samples:
             serialized = decompressed_message(item.load())
             message = self.reader.read(serialized) if self.reader else {}
             stamp = _stamp(serialized) if not self.reader or self.reader.has_stamp else 0
-        except (BagError, ImageError, OSError, struct.error):
+            self.logs.append(item.log_ns)
+        except (BagError, ImageError, OSError, OverflowError, struct.error):
             self.damaged += 1
             return
         if self.events is not None and self.source:
             self.events.append(_event(message, self.source))
         elif self.source:
             self.values.extend(numbers_of(message, self.source))
-        self.logs.append(item.log_ns)
         self.stamps.append(stamp)
         self.places.append(place)
 
@@ -129,8 +129,8 @@ def _event(message: dict[str, Any], source: NumbersSource) -> Any:
 
 def _stamp(serialized: Any) -> int:
     """Return the stamp at the begin of a message in nanoseconds."""
-    order = '<' if serialized[1] & 1 else '>'
-    seconds, nanoseconds = struct.unpack_from(f'{order}iI', serialized, _STAMP_AT)
+    seconds, nanoseconds = struct.unpack_from(
+        '<iI' if serialized[1:2] == b'\1' else '>iI', serialized, _STAMP_AT)
     return int(seconds) * NANO + int(nanoseconds)
 
 

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,19 +122,26 @@ def resolved(plan: Plan, path: Path) -> Plan:
 
 
 def _first_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
+    """Return the names in the first message that can be read."""
     topic = find_topic(bag, source.topic)
     reader = MessageReader(topic)
+    reason = 'has no messages'
     try:
         with closing(bag):
             for item in bag.messages([topic]):
-                if isinstance(item, BagMessage):
+                if not isinstance(item, BagMessage):
+                    continue
+                try:
                     message = reader.read(decompressed_message(item.load()))
-                    return names_of(message, source)
-    except (BagError, ImageError, OSError) as err:
+                except (BagError, ImageError, OSError) as err:
+                    reason = f'has no message that can be read: {_reason(err)}'
+                    continue
+                return names_of(message, source)
+    except (BagError, OSError) as err:
         raise DatasetError(f'{printable(source.topic)}: {_reason(err)}') from err
     except DatasetError as err:
         raise DatasetError(f'{printable(source.topic)}: {err}') from err
-    raise DatasetError(f'{printable(source.topic)} has no messages')
+    raise DatasetError(f'{printable(source.topic)} {reason}')
 
 
 def _track(samples: Samples, plan: Plan, name: str) -> Track:
@@ -225,8 +231,8 @@ def _clock_warnings(tracks: dict[str, Track]) -> list[str]:
 
 def _timed(events: Samples, plan: Plan, offset: int) -> list[tuple[int, Any]]:
     has_stamp = plan.clock == 'stamp' and events.reader and events.reader.has_stamp
-    times: Iterable[int] = events.stamps if has_stamp else (
-        log - offset for log in events.logs)
+    times = (events.times('stamp', str(plan.episodes)).tolist() if has_stamp and events.logs else
+             [log - offset for log in events.logs])
     return sorted(zip(times, events.events or []), key=lambda pair: pair[0])
 
 
