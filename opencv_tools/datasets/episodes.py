@@ -26,7 +26,8 @@ from typing import Any
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Interval, Plan
-from opencv_tools.datasets.rows import choose, grid, pieces, Rows, TOLERANCE_NS
+from opencv_tools.datasets.rows import (
+    choose, grid, needed_delay, pieces, Rows, Times, TOLERANCE_NS)
 from opencv_tools.datasets.tracks import Recording
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.regular_files import read_regular
@@ -111,7 +112,7 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     found: list[Rows] = []
     least = 2 if plan.next_action else 1
     for begin, stop, task in _spans(recording, plan, bag, end):
-        times = grid(max(begin, start), min(stop - 1, end + TOLERANCE_NS), plan.fps)
+        times = _row_times(recording, plan, max(begin, start), min(stop - 1, end + TOLERANCE_NS))
         whole = Rows(times, {}, task)
         if len(times):
             whole = _checked(recording, plan, whole)
@@ -127,6 +128,15 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     if not found:
         raise DatasetError('no row has all topics')
     return found
+
+
+def _row_times(recording: Recording, plan: Plan, start: int, end: int) -> Times:
+    times = grid(start, end, plan.fps)
+    if not len(times) or plan.image_choice != 'last':
+        return times
+    delay = max((needed_delay(recording.tracks[name].times, times, plan.fps)
+                 for name, _ in plan.images), default=0)
+    return grid(start + delay, end, plan.fps)
 
 
 def _checked(recording: Recording, plan: Plan, rows: Rows) -> Rows:

@@ -32,6 +32,7 @@ Times = NDArray[np.int64]
 
 #: A sample that is so little after a row belongs to it: many stamps are cut to microseconds.
 TOLERANCE_NS = 1000
+_BEFORE = 0.99  # share of the images that come before their row
 _MOST_ROWS = 10_000_000  # of a bag: four days at 30 Hz
 
 
@@ -83,6 +84,22 @@ def choose(times: Times, rows: Times, choice: str) -> Times:
     last = _last(times, rows)
     following = np.minimum(last + 1, len(times) - 1)
     return np.where(np.abs(times[following] - rows) < np.abs(rows - times[last]), following, last)
+
+
+def needed_delay(times: Times, rows: Times, fps: int) -> int:
+    """
+    Return by how much rows must be later, so that 99 % of the samples of a camera come before them.
+
+    Rows that begin at the time of an image are a little before or after the next images. The last
+    image before such a row would be that of the row before, or this one, at random.
+
+    :param times: (n,) increasing times of the samples.
+    :param rows: (m,) times of the rows, m at least 1.
+    :returns: time in nanoseconds, from 0 to half of a row.
+    """
+    late = times[choose(times, rows, 'nearest')] - rows
+    late = late[np.abs(late) <= NANO // fps // 2]
+    return max(0, int(np.quantile(late, _BEFORE, method='higher'))) if len(late) else 0
 
 
 def _last(times: Times, rows: Times) -> Times:
