@@ -185,7 +185,10 @@ test-kilted: .venv-kilted/dev
 # Ray starts its processes with this path as well.
 test-ray: .venv-ray/ready
 	@$(call in_venv,.venv) PYTHONPATH='$(CURDIR):$(CURDIR)/.venv-ray' OPENCV_TOOLS_RAY=1 \
-	  python -m pytest --quiet test/ray
+	  python -m pytest --quiet test/on_ray
+
+test-lerobot: .venv/dev .venv-lerobot/ready
+	@$(call in_venv,.venv) python test/in_lerobot/run.py .venv-lerobot/bin/python
 
 test-arm64: .venv/dev
 	@$(call in_venv,.venv) python test/arm64/run.py
@@ -251,6 +254,14 @@ endef
 	  --requirement requirements/ray.txt)
 	@touch $@
 
+# LeRobot needs other versions of the same libraries.
+.venv-lerobot/ready: requirements/lerobot.txt requirements/lerobot-alone.txt
+	@echo 'Installing LeRobot and torch into .venv-lerobot: 1.5 GB on the disk, three minutes'
+	@$(PYTHON) -m venv --clear .venv-lerobot
+	$(call pip_install,.venv-lerobot,--requirement requirements/lerobot.txt)
+	$(call pip_install,.venv-lerobot,--quiet --no-deps --requirement requirements/lerobot-alone.txt)
+	@touch $@
+
 %/docs: %/ready requirements/docs.txt | %/installed
 	@echo 'Installing Sphinx into $*: 20 MB to download, 0.1 GB on the disk, less than a minute'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
@@ -258,5 +269,5 @@ endef
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest .venv-kilted .venv-ray .venv-lerobot .camera build install log demo *.egg-info .hypothesis .mypy_cache \
-	  .pytest_cache .ruff_cache benchmarks.md
+	rm -rf .venv .venv-oldest .venv-kilted .venv-ray .venv-lerobot .camera build install log demo *.egg-info \
+	  .hypothesis .mypy_cache .pytest_cache .ruff_cache benchmarks.md
