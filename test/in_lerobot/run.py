@@ -118,6 +118,7 @@ def expected_rows(number: int, bag: Bag) -> list[dict[str, object]]:
 def main() -> int:
     """Return the exit status of pytest."""
     python, *arguments = sys.argv[1:]
+    python = str(Path(python).absolute())
     with tempfile.TemporaryDirectory() as folder:
         for name in SETS:
             write_set(Path(folder), name)
