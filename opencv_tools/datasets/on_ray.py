@@ -17,6 +17,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import logging
+import os
+import signal
+import socket
+import threading
 from typing import Any
 
 from opencv_tools.datasets.errors import DatasetError
@@ -29,6 +34,7 @@ from opencv_tools.remedies import installation
 LOCAL = 'local'
 _RETRIES = 3  # of a bag whose worker or node is lost
 _MOST_WAITING = 1000  # bags that Ray knows at a time
+_CONNECT_SECONDS = 5.0
 
 
 def convert_on_ray(jobs: Sequence[Job], plan: Plan, address: str, memory: int,
@@ -39,10 +45,11 @@ def convert_on_ray(jobs: Sequence[Job], plan: Plan, address: str, memory: int,
     :param address: address of the cluster, or ``LOCAL``.
     :param memory: memory in bytes that Ray reserves for a bag; 0 for none.
     :returns: an iterator over each bag and '' or its error, in the order in which they are done.
-    :raises DatasetError: Ray is not installed, or the cluster cannot be reached.
+    :raises DatasetError: Ray is not installed, or the cluster cannot be reached or is too small.
     """
     ray = _connect(address)
     try:
+        _check_room(ray, memory)
         options: dict[str, Any] = {'num_cpus': 1, 'max_retries': _RETRIES}
         if memory:
             options['memory'] = memory
@@ -69,15 +76,57 @@ def convert_on_ray(jobs: Sequence[Job], plan: Plan, address: str, memory: int,
 
 
 def _connect(address: str) -> Any:
+    if address != LOCAL:
+        _check_listening(address)
+        # Ray's 20 attempts of 36 s would be twelve minutes for a port of another program.
+        os.environ.setdefault('RAY_NUM_REDIS_GET_RETRIES', '1')
     try:
         import ray
     except ImportError as err:
         raise DatasetError(f'--ray needs Ray, which cannot be imported ({err}); '
                            f'{installation("ray")}') from err
+    handler = signal.getsignal(signal.SIGTERM)
     try:
-        ray.init(address=address, log_to_driver=False, logging_level='ERROR',
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR,
                  include_dashboard=False if address == LOCAL else None)
-    except (ConnectionError, RuntimeError, ValueError) as err:
-        raise DatasetError(f"the Ray cluster '{printable(address)}' cannot be used: "
-                           f'{printable(err)}; start it with: ray start --head') from err
+    except (ray.exceptions.RayError, OSError, RuntimeError, ValueError) as err:
+        raise _unusable(address, err) from err
+    finally:
+        if threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGTERM, handler)  # Ray's own exits with status 15
     return ray
+
+
+def _check_room(ray: Any, memory: int) -> None:
+    """
+    Check that a node has the memory for a bag, for which Ray would wait for ever.
+
+    :raises DatasetError: no node has it.
+    """
+    nodes = [node['Resources'] for node in ray.nodes() if node['Alive']]
+    largest = max((node.get('memory', 0) for node in nodes if node.get('CPU')), default=memory)
+    if largest < memory:
+        raise DatasetError(f'no node of the Ray cluster has {memory / 1e6:.0f} MB of memory for '
+                           f'a bag, the largest one has {largest / 1e6:.0f} MB; give less with '
+                           '--ray-memory')
+
+
+def _check_listening(address: str) -> None:
+    """
+    Check that a program listens at an address, for which Ray would wait for minutes.
+
+    :raises DatasetError: it does not.
+    """
+    host, _, port = address.removeprefix('ray://').rpartition(':')
+    if not host or not port.isdecimal():
+        return  # auto, or a name that Ray knows
+    try:
+        socket.create_connection((host.strip('[]'), int(port)), _CONNECT_SECONDS).close()
+    except (OSError, OverflowError) as err:
+        raise _unusable(address, err) from err
+
+
+def _unusable(address: str, err: Exception) -> DatasetError:
+    reason = getattr(err, 'strerror', None) or str(err).strip().partition('\n')[0]
+    return DatasetError(f"the Ray cluster '{printable(address)}' cannot be used: "
+                        f'{printable(reason, 500)}; start it with: ray start --head')

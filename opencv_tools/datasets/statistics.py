@@ -17,7 +17,8 @@ Statistics of a feature, as LeRobot computes them.
 
 Quantiles come from a histogram with 5000 bins (``RunningQuantileStats`` of LeRobot). Statistics of
 several episodes are joined as ``aggregate_feature_stats`` of LeRobot does: means and deviations
-exactly, quantiles below the median by the smallest one, those above by the largest one.
+exactly, quantiles up to the median by the smallest one, those above by the largest one. LeRobot
+0.4.4 still has the mean of the quantiles there.
 """
 
 from __future__ import annotations
@@ -44,8 +45,11 @@ def numbers_statistics(values: NDArray[Any]) -> Statistics:
 
     :param values: (n, d) numbers, n at least 1.
     """
-    return _joined_columns([_column_statistics(column.astype(np.float64), np.ones(len(column)))
-                            for column in values.T], len(values))
+    found = _joined_columns([_column_statistics(column, np.ones(len(column)))
+                             for column in values.T], len(values))
+    if values.dtype.kind == 'i':  # LeRobot keeps the type, in which large integers are exact
+        found |= {'min': values.min(axis=0), 'max': values.max(axis=0)}
+    return found
 
 
 def sampled_rows(count: int) -> NDArray[np.int64]:
@@ -106,18 +110,22 @@ def _joined_columns(columns: list[dict[str, float]], count: int) -> Statistics:
     return {**found, 'count': np.array([count])}
 
 
-def _column_statistics(values: NDArray[np.float64], counts: NDArray[np.float64],
-                       ) -> dict[str, float]:
-    """Return the statistics of numbers that occur some number of times."""
-    total = counts.sum()
+def _column_statistics(column: NDArray[Any], counts: NDArray[np.float64]) -> dict[str, float]:
+    """
+    Return the statistics of numbers that occur some number of times.
+
+    The type of the numbers is also that of the bins. It decides in which of two bins a number at
+    their border is.
+    """
+    total, values = counts.sum(), column.astype(np.float64)
     mean = float((values * counts).sum() / total)
     std = float(np.sqrt((((values - mean) ** 2) * counts).sum() / total))
     low, high = float(values.min()), float(values.max())
     found = {'min': low, 'max': high, 'mean': mean, 'std': std}
     if total < 2:
         return {**found, **dict.fromkeys(_QUANTILES, mean)}
-    edges = np.linspace(low - _PADDING, high + _PADDING, _BINS + 1)
-    sums = np.cumsum(np.histogram(values, edges, weights=counts)[0])
+    edges = np.linspace(column.min() - _PADDING, column.max() + _PADDING, _BINS + 1)
+    sums = np.cumsum(np.histogram(column, edges, weights=counts)[0])
     return {**found, **{name: _quantile(sums, edges, level * total)
                         for name, level in _QUANTILES.items()}}
 
