@@ -16,29 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
-from contextlib import closing, suppress
-from copy import copy
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.bag import Bag
-from opencv_tools.bags.compression import decompressed_message
-from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.reading import BagMessage, BagTopic
-from opencv_tools.capture.bag import read_picture
-from opencv_tools.capture.bag_video import BagVideo
-from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.bag_pictures import bag_pictures
+from opencv_tools.capture.errors import CaptureError
+from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.tracks import Track
-from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
-
-_SETTINGS = OutputSettings(encoding='bgr8')
-
 
 def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
                  ) -> Generator[tuple[int, OutputImage], None, None]:
@@ -56,7 +47,7 @@ def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
     """
     rows = list(samples)
     wanted = sorted(set(rows))
-    pictures = _pictures(bag, track.topic, track.messages[wanted])
+    pictures = bag_pictures(bag, track.topic, track.messages[wanted].tolist())
     current = -1
     shown: tuple[int, OutputImage] | None = None
     size: tuple[int, int] | None = None
@@ -64,7 +55,7 @@ def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
     with closing(pictures):
         for sample in rows:
             if sample != current:
-                current, picture = sample, next(pictures, 'it is missing')
+                current, picture = sample, _next(pictures)
                 if isinstance(picture, str):
                     reason = picture
                 elif picture.size != (size or picture.size):
@@ -79,45 +70,11 @@ def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
             yield shown
 
 
-def _pictures(bag: Bag, topic: BagTopic, messages: NDArray[np.int64],
-              ) -> Generator[OutputImage | str, None, None]:
-    """Yield the picture of each message in a list of numbers, or why it cannot be decoded."""
-    reader, video = copy(bag), BagVideo(topic.type_name)  # the copy has its own open file
-    numbers = iter(messages.tolist())
-    wanted = next(numbers, None)
-    place = 0
+def _next(pictures: Iterator[OutputImage | str]) -> OutputImage | str:
     try:
-        with closing(reader):
-            for item in reader.messages([topic]):
-                if wanted is None:
-                    return
-                if not isinstance(item, BagMessage):
-                    video.restart()
-                    continue
-                if place == wanted:
-                    yield _decoded(topic, item, video)
-                    wanted = next(numbers, None)
-                elif video.needs_skipped:
-                    with suppress(BagError, ImageError, OSError):  # of a frame that is not wanted
-                        video.skip(decompressed_message(item.load()), item.number)
-                place += 1
-    except (BagError, OSError) as err:
+        return next(pictures, 'it is missing')
+    except CaptureError as err:
         raise DatasetError(str(err)) from err
-
-
-def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo) -> OutputImage | str:
-    try:
-        serialized = decompressed_message(item.load())
-        _, image, encoding = read_picture(topic.type_name, serialized, video, item.number)
-        picture = OutputImage(CapturedFrame(image, encoding), _SETTINGS)
-    except (BagError, ImageError, OSError) as err:
-        video.restart()
-        return str(err)
-    try:
-        _ = picture.image  # decoded here, once
-    except ImageError as err:
-        return str(err)
-    return picture
 
 
 def luma(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
