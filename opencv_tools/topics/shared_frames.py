@@ -69,6 +69,8 @@ class SharedFrames:
         self.has_changed = False
         self._services = SharedServices()
         self._sources: dict[bytes, SharedSource] = {}
+        # Announced numbers of messages and frames, of publishers that are not found yet.
+        self._unlearned: dict[bytes, tuple[int, int]] = {}
         #: Reader of the announcements.
         self.announcements = MessageReader(
             discovery.node, String, f'{self._topic}{SUFFIX}', QoSProfile(
@@ -92,10 +94,12 @@ class SharedFrames:
             self._log.debug(str(err))
             return
         self.has_changed = True
-        publisher = bytes.fromhex(announcement.publisher)
-        if announcement.frames and publisher in publishers:
-            with self._queue.lock:
-                self._queue.order.learn(publisher, announcement.messages, announcement.frames)
+        if announcement.frames:
+            self._unlearned[bytes.fromhex(announcement.publisher)] = (
+                announcement.messages, announcement.frames)
+            while len(self._unlearned) > MAX_PUBLISHERS:
+                del self._unlearned[next(iter(self._unlearned))]
+            self._learn(publishers)
 
     def update(self, publishers: Set[bytes]) -> bool:
         """
@@ -104,6 +108,7 @@ class SharedFrames:
         :param publishers: identifiers of the publishers of the image topic.
         :returns: whether all frames come from shared memory.
         """
+        self._learn(publishers)
         for publisher in self._sources.keys() - publishers:
             self._end(publisher)
         for publisher in publishers:
@@ -165,6 +170,12 @@ class SharedFrames:
         for source in sources:
             source.join()
         self.announcements.destroy()
+
+    def _learn(self, publishers: Set[bytes]) -> None:
+        """Learn the last announced numbers of publishers, once these are found."""
+        with self._queue.lock:
+            for publisher in publishers & self._unlearned.keys():
+                self._queue.order.learn(publisher, *self._unlearned.pop(publisher))
 
     def _way(self, publisher: bytes) -> Way:
         with self._queue.lock:
