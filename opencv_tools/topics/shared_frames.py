@@ -69,37 +69,24 @@ class SharedFrames:
         self.has_changed = False
         self._services = SharedServices()
         self._sources: dict[bytes, SharedSource] = {}
-        # Announced numbers of messages and frames, of publishers that are not found yet.
-        self._unlearned: dict[bytes, tuple[int, int]] = {}
         #: Reader of the announcements.
         self.announcements = MessageReader(
             discovery.node, String, f'{self._topic}{SUFFIX}', QoSProfile(
                 depth=MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 
-    def read_announcement(self, publishers: Set[bytes]) -> None:
-        """
-        Take an announcement, if there is one.
-
-        :param publishers: identifiers of the publishers of the image topic, or of those that were
-            found last.
-        """
+    def read_announcement(self) -> None:
+        """Take an announcement, if there is one, which has its effect in ``update``."""
         taken = self.announcements.take_serialized()
         if taken is None:
             return
         data, info = taken
         try:
-            announcement = self._services.add(
+            self._services.add(
                 deserialize_message(bytes(data), String).data, bytes(info.publisher))
         except (AnnouncementError, RuntimeError) as err:  # rclpy's RMWError is private
             self._log.debug(str(err))
             return
         self.has_changed = True
-        if announcement.frames:
-            self._unlearned[bytes.fromhex(announcement.publisher)] = (
-                announcement.messages, announcement.frames)
-            while len(self._unlearned) > MAX_PUBLISHERS:
-                del self._unlearned[next(iter(self._unlearned))]
-            self._learn(publishers)
 
     def update(self, publishers: Set[bytes]) -> bool:
         """
@@ -108,7 +95,9 @@ class SharedFrames:
         :param publishers: identifiers of the publishers of the image topic.
         :returns: whether all frames come from shared memory.
         """
-        self._learn(publishers)
+        with self._queue.lock:
+            for publisher, messages, frames in self._services.pop_numbers(publishers):
+                self._queue.order.learn(publisher, messages, frames)
         for publisher in self._sources.keys() - publishers:
             self._end(publisher)
         for publisher in publishers:
@@ -170,12 +159,6 @@ class SharedFrames:
         for source in sources:
             source.join()
         self.announcements.destroy()
-
-    def _learn(self, publishers: Set[bytes]) -> None:
-        """Learn the last announced numbers of publishers, once these are found."""
-        with self._queue.lock:
-            for publisher in publishers & self._unlearned.keys():
-                self._queue.order.learn(publisher, *self._unlearned.pop(publisher))
 
     def _way(self, publisher: bytes) -> Way:
         with self._queue.lock:

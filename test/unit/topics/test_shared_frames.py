@@ -105,10 +105,10 @@ class Receiver:
         with self.queue.lock:
             return self.queue.order.way(publisher.identifier)
 
-    def read(self, publisher: Publisher, *, is_found: bool = True) -> None:
-        """Read announcements until the service of a publisher is known, which may not be found."""
+    def read(self, publisher: Publisher) -> None:
+        """Read announcements until the service of a publisher is known."""
         def is_known() -> bool:
-            self.shared.read_announcement({publisher.identifier} if is_found else set())
+            self.shared.read_announcement()
             return self.shared._services.of(publisher.identifier) == publisher.writer.service
 
         wait_until(is_known, 'the announcement')
@@ -197,7 +197,8 @@ def test_announcement_of_a_publisher_that_is_found_later(
         assert receiver.queue.order.accepts(publisher.identifier, Position(1), 0)
 
     publisher.share(frames=14)
-    receiver.read(publisher, is_found=False)
+    receiver.read(publisher)
+    receiver.shared.update(frozenset())
     if is_message_first:
         accept()
         assert receiver.queue.order.is_complete
@@ -212,8 +213,8 @@ def test_announcements_of_many_publishers(receiver: Receiver, publisher: Publish
     for number in range(3 * MAX_PUBLISHERS):
         publisher.identifier = publisher.identifier[:-4] + number.to_bytes(4, 'big')
         publisher.announce(frames=1)
-        receiver.read(publisher, is_found=False)
-    assert len(receiver.shared._unlearned) == MAX_PUBLISHERS
+        receiver.read(publisher)
+    assert len(receiver.shared._services._numbers) == MAX_PUBLISHERS
 
 
 def test_changes_that_the_executor_has_to_see(
