@@ -90,7 +90,7 @@ class FrameSources:
         have_changed = have_publishers_changed and self.adapt()
         if self.shared:
             if self.shared.announcements in ready:
-                self.shared.read_announcement(self.image.publishers)
+                self.shared.read_announcement()
             if self.shared.has_changed:
                 self.update_sharing()
         return have_changed

@@ -102,7 +102,18 @@ class PublishLoop:
         status = EXIT_OK
         try:
             try:
-                self._publish_all()
+                for frame in self._grabber.frames():
+                    if not self._is_live:  # a file can wait, but a camera cannot
+                        self._topics.backlog.wait_for_room()
+                    if self._topic_player and frame and frame.recorded:
+                        self._topic_player.advance(frame.recorded)
+                    self._publish(frame)
+                    del frame  # otherwise a camera that is reopened would be in use
+                    if self.settings.max_frames == self._progress.count > 0:
+                        break
+                if not (self._grabber.stopped or self._progress.count):
+                    raise CaptureError(
+                        f'{self.settings.shown_source}: no frame could be published')
             except CaptureError as err:
                 self._log.error(str(err))
                 self._controls.report_unused()
@@ -170,24 +181,6 @@ class PublishLoop:
                                 f'{self.settings.shown_source} is still in use')
         self._log.info(response.message)
         return response
-
-    def _publish_all(self) -> None:
-        """
-        Publish the frames of the source until its end.
-
-        :raises CaptureError: the source fails, or no frame could be published.
-        """
-        for frame in self._grabber.frames():
-            if not self._is_live:  # a file can wait, but a camera cannot
-                self._topics.backlog.wait_for_room()
-            if self._topic_player and frame and frame.recorded:
-                self._topic_player.advance(frame.recorded)
-            self._publish(frame)
-            del frame  # otherwise a camera that is reopened would be in use
-            if self.settings.max_frames == self._progress.count > 0:
-                break
-        if not (self._grabber.stopped or self._progress.count):
-            raise CaptureError(f'{self.settings.shown_source}: no frame could be published')
 
     def _publish(self, frame: CapturedFrame | None) -> None:
         """Publish one frame; None means a frame without a subscriber."""
