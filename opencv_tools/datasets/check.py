@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
-from opencv_tools.datasets.set_reader import SetReader
+from opencv_tools.datasets.set_reader import SetReader, values_of
 from opencv_tools.image.text import enumerated, printable
 
 _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',
@@ -73,7 +73,7 @@ def _task_problems(reader: SetReader) -> Generator[str, None, int]:
     """Yield what is wrong with the tasks; return their number."""
     numbers: list[Any] = []
     for table in reader.tables(reader.folder / TASKS, ['task_index']):
-        numbers += table.column('task_index').to_pylist()
+        numbers += values_of(table, 'task_index')
     if numbers != [*range(len(numbers))]:
         yield f'{TASKS} does not number its {len(numbers)} tasks from 0'
     if reader.info.get('total_tasks') != len(numbers):

@@ -28,7 +28,7 @@ from opencv_tools.datasets.merge import FINGERPRINTS
 from opencv_tools.datasets.part import FINGERPRINT
 from opencv_tools.datasets.pictures import fingerprint
 from opencv_tools.datasets.plan import IMAGES
-from opencv_tools.datasets.set_reader import SetReader
+from opencv_tools.datasets.set_reader import SetReader, values_of
 from opencv_tools.datasets.videos import frame_luma, video_frames
 from opencv_tools.image.text import printable
 
@@ -68,7 +68,7 @@ def _fingerprints(reader: SetReader, key: str, rows: int) -> NDArray[np.uint8] |
     column = FINGERPRINT + key.removeprefix(IMAGES)
     found: list[bytes] = []
     for table in reader.tables(reader.folder / FINGERPRINTS, [column]):
-        found += table.column(column).to_pylist()
+        found += values_of(table, column)
     if len(found) != rows or not all(isinstance(one, bytes) and len(one) == 64 for one in found):
         raise DatasetError(f'{FINGERPRINTS} has {len(found)} pictures of {printable(key)}, but '
                            f'there are {rows} rows')

@@ -88,7 +88,7 @@ def choose(times: Times, rows: Times, choice: str) -> Times:
 
 def needed_delay(times: Times, rows: Times, fps: int) -> int:
     """
-    Return by how much rows must be later, so that 99 % of the samples of a camera come before them.
+    Return by how much rows must be later, so that 99 % of the images come before them.
 
     Rows that begin at the time of an image are a little before or after the next images. The last
     image before such a row would be that of the row before, or this one, at random.
@@ -99,7 +99,8 @@ def needed_delay(times: Times, rows: Times, fps: int) -> int:
     """
     late = times[choose(times, rows, 'nearest')] - rows
     late = late[np.abs(late) <= NANO // fps // 2]
-    return max(0, int(np.quantile(late, _BEFORE, method='higher'))) if len(late) else 0
+    delay = int(np.quantile(late, _BEFORE, method='higher')) if len(late) else 0
+    return delay if delay > TOLERANCE_NS else 0
 
 
 def _last(times: Times, rows: Times) -> Times:

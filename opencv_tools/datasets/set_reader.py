@@ -149,7 +149,8 @@ class SetReader:
         found: list[dict[str, Any]] = []
         for path in sorted((self.folder / 'meta/episodes').glob('chunk-*/file-*.parquet')):
             for table in self.tables(path, [*integers, *times]):
-                found += table.to_pylist()
+                columns = {name: values_of(table, name) for name in table.column_names}
+                found += [dict(zip(columns, row)) for row in zip(*columns.values())]
         for row in found:
             wrong = [name for name in integers
                      if not _is_integer(row[name]) or not 0 <= row[name] < _MAX_ROWS]
@@ -204,3 +205,18 @@ def _check_size(group: Any, columns: Collection[str], shown: str) -> None:
     if size > _MAX_GROUP or group.num_rows * _WIDTH > _MAX_GROUP:
         raise DatasetError(f'{shown} has a row group of {size} bytes, at most {_MAX_GROUP} are '
                            'read')
+
+
+
+def values_of(table: Any, name: str) -> list[Any]:
+    """
+    Return the values of a column.
+
+    :raises DatasetError: they have a type that Python does not have.
+    """
+    pa = import_pyarrow()
+    try:
+        values: list[Any] = table.column(name).to_pylist()
+    except (ValueError, OverflowError, pa.ArrowException) as err:
+        raise DatasetError(f'{printable(name)} cannot be read: {printable(err)}') from err
+    return values
