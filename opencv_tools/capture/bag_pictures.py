@@ -28,7 +28,6 @@ from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.reading import BagMessage, BagTopic
 from opencv_tools.capture.bag import read_picture
 from opencv_tools.capture.bag_video import BagVideo
-from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.image.errors import ImageError
@@ -47,28 +46,26 @@ def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int],
     :param messages: increasing numbers of messages among those of the topic, from 0.
     :returns: an iterator over the picture of each message, or why it cannot be decoded. A picture
         is valid until the one after the next is decoded.
-    :raises CaptureError: a file cannot be read.
+    :raises BagError: a file cannot be read as a bag.
+    :raises OSError: a file cannot be read.
     """
     reader, video = copy(bag), BagVideo(topic.type_name)  # the copy has its own open file
     numbers, memory = iter(messages), _Memory()
     wanted, place = next(numbers, None), 0
-    try:
-        with closing(reader):
-            for item in reader.messages([topic]):
-                if wanted is None:
-                    return
-                if not isinstance(item, BagMessage):
-                    video.restart()
-                    continue
-                if place == wanted:
-                    yield _decoded(topic, item, video, memory)
-                    wanted = next(numbers, None)
-                elif video.needs_skipped:
-                    with suppress(ImageError, OSError):  # of a frame that is not wanted
-                        video.skip(decompressed_message(item.load()), item.number)
-                place += 1
-    except (ImageError, OSError) as err:
-        raise CaptureError(f'{bag.name} cannot be read: {err}') from err
+    with closing(reader):
+        for item in reader.messages([topic]):
+            if wanted is None:
+                return
+            if not isinstance(item, BagMessage):
+                video.restart()
+                continue
+            if place == wanted:
+                yield _decoded(topic, item, video, memory)
+                wanted = next(numbers, None)
+            elif video.needs_skipped:
+                with suppress(ImageError, OSError):  # of a frame that is not wanted
+                    video.skip(decompressed_message(item.load()), item.number)
+            place += 1
 
 
 class _Memory:

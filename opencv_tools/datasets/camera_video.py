@@ -24,13 +24,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.bags.bag import Bag
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.statistics import ImageStatistics, sampled_rows, Statistics
-from opencv_tools.datasets.tracks import Track
+from opencv_tools.datasets.tracks import Recording, Track
 from opencv_tools.datasets.videos import VideoFileWriter
 from opencv_tools.units import NANO
 
@@ -58,7 +57,7 @@ class Work:
     What the videos of a bag have in common.
 
     :param plan: plan of the conversion.
-    :param bag: the bag; it may be read by several threads at the same time.
+    :param recording: samples of the bag, which several threads may read at the same time.
     :param episodes: rows of each episode.
     :param folder: folder of the videos, which have the names of the cameras.
     :param threads: threads of each encoder.
@@ -66,7 +65,7 @@ class Work:
     """
 
     plan: Plan
-    bag: Bag
+    recording: Recording
     episodes: Sequence[Rows]
     folder: Path
     threads: int
@@ -83,7 +82,7 @@ def write_video(work: Work, name: str, track: Track) -> Camera:
     :raises OSError: the file cannot be written.
     """
     plan, episodes = work.plan, work.episodes
-    pictures = row_pictures(work.bag, name, track, np.concatenate(
+    pictures = row_pictures(work.recording.bag, name, track, np.concatenate(
         [rows.samples[name] for rows in episodes]).tolist())
     shown: list[int] = []
     prints: list[NDArray[np.uint8]] = []

@@ -68,7 +68,9 @@ def main(argv: Sequence[str]) -> int:
     options = _parser().parse_args(argv)
     open_standard_streams()
     from opencv_tools.datasets.command import run
+    from opencv_tools.datasets.lerobot import import_pyarrow
     try:
+        import_pyarrow()
         return run(options)
     except DatasetError as err:
         print(f'img_convert: error: {err}', file=sys.stderr)

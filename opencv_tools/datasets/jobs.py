@@ -29,7 +29,7 @@ from threading import Thread
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
-from opencv_tools.datasets.part import convert_bag
+from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import user_path
@@ -131,7 +131,8 @@ def _in_processes(jobs: Sequence[Job], plan: Plan, workers: int, threads: int,
                   ) -> Iterator[tuple[Job, str]]:
     """Convert bags; end without the rest of them if a process is killed."""
     context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload(['opencv_tools.datasets.part'])
+    context.set_forkserver_preload(
+        ['av', 'pyarrow.parquet', 'opencv_tools.datasets.bag_conversion'])
     pool = ProcessPoolExecutor(workers, context, initializer=_begin)
     try:
         futures: dict[Future[str], Job] = {

@@ -29,13 +29,16 @@ from opencv_tools.datasets.lerobot import (
     import_pyarrow, INFO, info, row_columns, STATS, TASKS, tasks_table, VIDEO_MEGABYTES,
     VIDEO_PATH)
 from opencv_tools.datasets.part import FINGERPRINT, ROWS
-from opencv_tools.datasets.plan import IMAGES
+from opencv_tools.datasets.plan import IMAGES, LEROBOT
+from opencv_tools.datasets.sample_files import BAGS, gather_samples
 from opencv_tools.datasets.statistics import joined, numbers_statistics, Statistics
 from opencv_tools.datasets.videos import join_videos, stream_settings
 from opencv_tools.image.text import printable
 
 #: What this package adds to a set: the bags and their reports, and small pictures for --check.
 SOURCES, FINGERPRINTS = 'meta/opencv_tools/bags.json', 'meta/opencv_tools/fingerprints.parquet'
+#: Files, one of which every data set of this package has.
+MARKS = INFO, BAGS
 _MEGABYTE = 1 << 20
 _INDEX_KEYS = ('index', 'episode_index', 'task_index')
 
@@ -56,19 +59,20 @@ class _File:
         self.number, self.size, self.items = self.number + 1, 0, []
 
 
-def merge_parts(parts: Sequence[Path], described: list[dict[str, Any]], folder: Path,
-                ) -> dict[str, int]:
+def merge_parts(parts: Sequence[Path], described: list[dict[str, Any]], folder: Path) -> None:
     """
-    Write a data set of parts.
+    Write a data set of parts, of the format that they have.
 
     :param parts: folders of the parts, in the order of their episodes.
     :param described: what their part.json says; see ``check_alike``.
     :param folder: new folder of the data set, which exists and is empty.
-    :returns: numbers of episodes, frames and tasks.
     :raises DatasetError: a part is damaged.
     :raises OSError: a file cannot be read or written.
     """
-    return _Merge(parts, described, folder).write()
+    if described[0]['format'] == LEROBOT:
+        _Merge(parts, described, folder).write()
+    else:
+        gather_samples(parts, described, folder)
 
 
 def check_alike(parts: list[dict[str, Any]]) -> None:
@@ -108,7 +112,7 @@ class _Merge:
         self._statistics: list[dict[str, Statistics]] = []
         self._episodes: list[dict[str, Any]] = []
 
-    def write(self) -> dict[str, int]:
+    def write(self) -> None:
         """Write all files, ``info.json`` last."""
         self._write_rows()
         for key in self._videos:
@@ -127,7 +131,6 @@ class _Merge:
         frames = self._episodes[-1]['dataset_to_index']
         self._write_json(INFO, info(self._described[0], self._features, len(self._episodes),
                                     frames, len(self._tasks)))
-        return {'episodes': len(self._episodes), 'frames': frames, 'tasks': len(self._tasks)}
 
     def _write_rows(self) -> None:
         """Write the rows, the small pictures, and what an episode has apart from videos."""

@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.bag import Bag
 from opencv_tools.capture.bag_pictures import bag_pictures
-from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.tracks import Track
+from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
 
 def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
@@ -73,7 +73,7 @@ def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
 def _next(pictures: Iterator[OutputImage | str]) -> OutputImage | str:
     try:
         return next(pictures, 'it is missing')
-    except CaptureError as err:
+    except (ImageError, OSError) as err:
         raise DatasetError(str(err)) from err
 
 

@@ -30,7 +30,6 @@ import tarfile
 from typing import Any
 
 import numpy as np
-from opencv_tools.bags.bag import Bag
 from opencv_tools.datasets.camera_video import check_age
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
 from opencv_tools.datasets.pictures import row_pictures
@@ -47,7 +46,7 @@ BAGS = 'bags.json'
 _GROUP_ROWS = 100  # of a row group, because a row has pictures
 
 
-def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows],
+def write_samples(plan: Plan, recording: Recording, episodes: Sequence[Rows],
                   folder: Path, name: str) -> tuple[dict[str, Any], list[Rows]]:
     """
     Write the samples of a bag.
@@ -61,7 +60,7 @@ def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence
     """
     path = folder / SAMPLES[plan.format]
     shown: dict[str, list[int]] = {camera: [] for camera, _ in plan.images}
-    samples = _samples(plan, bag, recording, episodes, name, shown)
+    samples = _samples(plan, recording, episodes, name, shown)
     write = _write_tar if plan.format == WEBDATASET else _write_parquet
     write(path, samples)
     kept = shown_rows(shortened(plan, episodes), {
@@ -70,7 +69,7 @@ def write_samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence
     return {'features': plan_features(plan, {}), 'episodes': described}, kept
 
 
-def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows], name: str,
+def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: str,
              shown: dict[str, list[int]],
              ) -> Iterator[tuple[str, dict[str, Any], dict[str, bytes]]]:
     """
@@ -84,7 +83,8 @@ def _samples(plan: Plan, bag: Bag, recording: Recording, episodes: Sequence[Rows
         cameras = {}
         for camera, _ in plan.images:
             samples = np.concatenate([rows.samples[camera] for rows in kept]).tolist()
-            cameras[camera] = row_pictures(bag, camera, recording.tracks[camera], samples)
+            cameras[camera] = row_pictures(
+                recording.bag, camera, recording.tracks[camera], samples)
             stack.callback(cameras[camera].close)
         for number, rows in enumerate(kept):
             for row, time_ns in enumerate(rows.times.tolist()):

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 import struct
 from typing import Any
@@ -24,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.compression import decompressed_message
-from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.reading import BagMessage, BagTopic
+from opencv_tools.bags.reading import BagMessage, BagTopic, Damage
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.numbers import find_value, MessageReader, numbers_of
+from opencv_tools.datasets.numbers import (
+    find_value, MessageReader, names_of, numbers_of)
 from opencv_tools.datasets.plan import NumbersSource
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
@@ -58,7 +59,7 @@ class Samples:
 
     topic: BagTopic
     source: NumbersSource | None = None
-    reader: MessageReader | None = None
+    reader: MessageReader | None = field(default=None, init=False)
     logs: array[int] = field(default_factory=lambda: array('q'))
     stamps: array[int] = field(default_factory=lambda: array('q'))
     places: array[int] = field(default_factory=lambda: array('q'))
@@ -66,6 +67,11 @@ class Samples:
     events: list[Any] | None = None
     count: int = 0
     damaged: int = 0
+
+    def __post_init__(self) -> None:
+        """Read the definition of the messages; see `MessageReader`."""
+        if self.source:
+            self.reader = MessageReader(self.topic)
 
     def add(self, item: BagMessage) -> None:
         """
@@ -79,7 +85,7 @@ class Samples:
             message = self.reader.read(serialized) if self.reader else {}
             stamp = _stamp(serialized) if not self.reader or self.reader.has_stamp else 0
             self.logs.append(item.log_ns)
-        except (BagError, ImageError, OSError, OverflowError, struct.error):
+        except (ImageError, OSError, OverflowError, struct.error):
             self.damaged += 1
             return
         if self.events is not None and self.source:
@@ -116,6 +122,32 @@ class Samples:
             raise DatasetError(f'the stamps of {shown} jump by {steps[at] / NANO:.3f} s after '
                                f'message {at}; {LOG_REMEDY}')
         return stamps
+
+
+def first_names(messages: Iterable[BagMessage | Damage], topic: BagTopic, source: NumbersSource,
+                ) -> tuple[str, ...]:
+    """
+    Return the names of the numbers in the first message that can be read.
+
+    :raises DatasetError: there is none, or it has no such numbers.
+    """
+    reader = MessageReader(topic)
+    reason = 'has no messages'
+    try:
+        for item in messages:
+            if isinstance(item, Damage):
+                continue
+            try:
+                message = reader.read(decompressed_message(item.load()))
+            except (ImageError, OSError) as err:
+                reason = f'has no message that can be read: {err}'
+                continue
+            return names_of(message, source)
+    except (ImageError, OSError) as err:
+        raise DatasetError(f'{printable(source.topic)}: {err}') from err
+    except DatasetError as err:
+        raise DatasetError(f'{printable(source.topic)}: {err}') from err
+    raise DatasetError(f'{printable(source.topic)} {reason}')
 
 
 def _event(message: dict[str, Any], source: NumbersSource) -> Any:

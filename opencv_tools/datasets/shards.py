@@ -22,6 +22,8 @@ from pathlib import Path
 import re
 
 from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.folders import natural_key
+from opencv_tools.datasets.part import PART, read_part
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.regular_files import read_regular, replace_file
 
@@ -41,15 +43,36 @@ def write_shard(folder: Path, shard: tuple[int, int], bags: Sequence[str]) -> No
     replace_file(folder / f'shard_{number}_of_{count}.json', json.dumps([*bags]).encode())
 
 
-def check_shards(folders: Sequence[Path], bags: Collection[str], skip_failed: bool) -> list[str]:
+def find_parts(folders: Sequence[Path], skip_failed: bool) -> tuple[list[Path], list[str]]:
     """
-    Check that folders have all shards and all bags.
+    Find the parts in the folders of shards.
 
-    :param bags: names of the bags that they have.
     :param skip_failed: whether bags may be missing.
-    :returns: sentences about bags that are left out.
-    :raises DatasetError: a shard or a bag is missing.
+    :returns: folders of the parts, in the natural order of their bags, and sentences about bags
+        that are left out.
+    :raises DatasetError: a shard or a bag is missing, or a bag is there twice.
     """
+    found: dict[str, Path] = {}
+    for folder in folders:
+        parts = [path.parent for path in folder.glob(f'*/{PART}')
+                 if not path.parent.name.startswith('.')]
+        if not parts and not [*folder.glob('shard_*.json')]:
+            raise DatasetError(f'{printable(folder, MAX_PATH)} has no part of a data set; give '
+                               'folders that --shard has written')
+        for part in parts:
+            bag = read_part(part)['bag']
+            if bag in found:
+                raise DatasetError(f'{printable(bag)} is in {printable(found[bag].parent)} and in '
+                                   f'{printable(folder)}; merge each bag once')
+            found[bag] = part
+    warnings = _check_shards(folders, found.keys(), skip_failed)
+    if not found:
+        raise DatasetError('the shards have no bag')
+    return [found[bag] for bag in sorted(found, key=natural_key)], warnings
+
+
+def _check_shards(folders: Sequence[Path], bags: Collection[str], skip_failed: bool) -> list[str]:
+    """Check that folders have all shards and, unless ``skip_failed``, all bags."""
     numbers: dict[int, set[int]] = {}
     missing: list[str] = []
     for folder in folders:

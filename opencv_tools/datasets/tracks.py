@@ -24,13 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.bag import Bag
-from opencv_tools.bags.compression import decompressed_message
-from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.numbers import MessageReader, names_of
 from opencv_tools.datasets.plan import NumbersSource, Plan
-from opencv_tools.datasets.samples import integers, LOG_REMEDY, Samples
+from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.units import NANO
@@ -65,12 +62,14 @@ class Recording:
     """
     What a plan needs of a bag, without the pixels of its images.
 
+    :param bag: the bag.
     :param tracks: samples by name: the name of a camera, or the text of a source of numbers.
     :param events: time in nanoseconds and value of the messages that begin and end episodes.
     :param start_ns: time of the first message of the bag, by the clock of the samples.
     :param warnings: sentences about the bag.
     """
 
+    bag: Bag
     tracks: dict[str, Track]
     events: list[tuple[int, Any]]
     start_ns: int
@@ -85,7 +84,7 @@ def open_bag(path: Path) -> Bag:
     """
     try:
         return Bag(path)
-    except (BagError, OSError) as err:
+    except (ImageError, OSError) as err:
         raise DatasetError(_reason(err)) from err
 
 
@@ -122,26 +121,9 @@ def resolved(plan: Plan, path: Path) -> Plan:
 
 
 def _first_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
-    """Return the names in the first message that can be read."""
     topic = find_topic(bag, source.topic)
-    reader = MessageReader(topic)
-    reason = 'has no messages'
-    try:
-        with closing(bag):
-            for item in bag.messages([topic]):
-                if not isinstance(item, BagMessage):
-                    continue
-                try:
-                    message = reader.read(decompressed_message(item.load()))
-                except (BagError, ImageError, OSError) as err:
-                    reason = f'has no message that can be read: {_reason(err)}'
-                    continue
-                return names_of(message, source)
-    except (BagError, OSError) as err:
-        raise DatasetError(f'{printable(source.topic)}: {_reason(err)}') from err
-    except DatasetError as err:
-        raise DatasetError(f'{printable(source.topic)}: {err}') from err
-    raise DatasetError(f'{printable(source.topic)} {reason}')
+    with closing(bag):
+        return first_names(bag.messages([topic]), topic, source)
 
 
 def _track(samples: Samples, plan: Plan, name: str) -> Track:
@@ -166,11 +148,11 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     samples = {name: Samples(find_topic(bag, topic, images=True)) for name, topic in plan.images}
     for source in plan.sources:
         topic = find_topic(bag, source.topic)
-        samples[str(source)] = Samples(topic, source, MessageReader(topic))
+        samples[str(source)] = Samples(topic, source)
     events = None
     if plan.episodes:
         topic = find_topic(bag, plan.episodes.topic)
-        events = Samples(topic, plan.episodes, MessageReader(topic), events=[])
+        events = Samples(topic, plan.episodes, events=[])
     damages = _read(bag, [*samples.values(), *([events] if events else [])])
     warnings = [*bag.warnings]
     if damages:
@@ -182,7 +164,7 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
                  'than those before them' for name, track in tracks.items() if track.late]
     warnings += _clock_warnings(tracks)
     offset = int(np.median([track.offset_ns for track in tracks.values()]))
-    return Recording(tracks=tracks, events=_timed(events, plan, offset) if events else [],
+    return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, offset) if events else [],
                      start_ns=bag.first_ns - offset, warnings=warnings)
 
 
@@ -200,7 +182,7 @@ def _read(bag: Bag, samples: list[Samples]) -> int:
                     continue
                 for one in by_topic[item.topic]:
                     _add(one, item)
-    except (BagError, OSError) as err:
+    except (ImageError, OSError) as err:
         raise DatasetError(_reason(err)) from err
     return damages
 

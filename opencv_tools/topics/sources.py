@@ -27,7 +27,8 @@ from opencv_tools.topics.queue import FrameQueue, QueuedFrame
 from opencv_tools.topics.shared_frames import SharedFrames
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.topics.video_decoding import VideoDecoding
-from opencv_tools.transport.shared_frames.publisher import can_share, NOT_SHARED
+from opencv_tools.transport.shared_frames.memory import NOT_SHARED
+from opencv_tools.transport.shared_frames.publisher import can_share
 
 
 class FrameSources:

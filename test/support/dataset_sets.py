@@ -159,7 +159,7 @@ def start_killed(words: Sequence[object], event: int, errors: Path) -> BaseProce
     :param errors: file for standard error, whose last line has the number of changes.
     """
     context = get_context('forkserver')
-    context.set_forkserver_preload(['dataset_sets', 'opencv_tools.datasets.part'])
+    context.set_forkserver_preload(['dataset_sets', 'opencv_tools.datasets.bag_conversion'])
     process = context.Process(target=_killed_at, args=(
         [str(word) for word in words], event, str(errors)))
     process.start()

@@ -28,7 +28,7 @@ from conftest import DEADLINE
 from dataset_bags import Drive
 from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
 from opencv_tools.convert.cli import main
-from opencv_tools.datasets import part
+from opencv_tools.datasets import lerobot_rows
 from opencv_tools.datasets.camera_video import Camera, Work, write_video
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_here, find_jobs
@@ -157,7 +157,7 @@ def test_videos_end_when_one_of_them_fails_or_the_command_ends(
         ended.append(work.ended.wait(DEADLINE))
         return write_video(work, name, track)
 
-    monkeypatch.setattr(part, 'write_video', fail_or_wait)
+    monkeypatch.setattr(lerobot_rows, 'write_video', fail_or_wait)
     assert convert(bag, tmp_path / 'set', *CAMERA, '--image', 'b=/cam0/image_raw/compressed',
                    '--jobs', 2) == 1
     assert ended == [True]

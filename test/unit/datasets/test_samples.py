@@ -37,7 +37,7 @@ def samples_of(topic: BagTopic) -> Samples:
     if topic == IMAGES:
         return Samples(topic)
     source = NumbersSource('/joints', ('position',), ('a', 'b'))
-    return Samples(topic, source, MessageReader(topic))
+    return Samples(topic, source)
 
 
 def message(topic: BagTopic, data: bytes, log_ns: int = BEGAN) -> BagMessage:
