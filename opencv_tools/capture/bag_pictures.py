@@ -100,7 +100,8 @@ def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory
     picture = OutputImage(CapturedFrame(image, encoding), _SETTINGS)
     picture.lend = memory.lend
     try:
-        _ = picture.image  # decoded here, once
+        if not picture.image.size:  # decoded here, once
+            return 'it has no pixels'
     except ImageError as err:
         return str(err)
     memory.keep()

@@ -53,6 +53,23 @@ def read_compressed(type_name: str, serialized: Any) -> WireCompressedImage | Wi
         return image
 
 
+def can_begin(type_name: str, serialized: Any) -> bool:
+    """
+    Return whether a message can be decoded without those before it: all but video between keys.
+
+    :param type_name: type of the message.
+    :param serialized: buffer of CDR.
+    """
+    if type_name == IMAGE:
+        return True
+    try:
+        message = read_compressed(type_name, serialized)
+        return not isinstance(message, WireVideo) or is_key_frame(
+            message.codec, bytes(message.data))
+    except ImageError:
+        return True  # decoding says why it cannot be
+
+
 class BagVideo:
     """Decode the packets of a topic. Skipped ones are decoded if a later one needs them."""
 

@@ -123,4 +123,4 @@ def check_age(plan: Plan, name: str, age_ns: int) -> None:
     """
     if abs(age_ns) > plan.max_gap * NANO:
         raise DatasetError(f'{name} has no picture that can be decoded for {age_ns / NANO:.3f} s; '
-                           f'at most {plan.max_gap:g} s are allowed by --max-gap')
+                           f'at most {plan.max_gap:g} s are allowed: use a larger --max-gap')

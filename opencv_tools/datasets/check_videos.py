@@ -53,7 +53,7 @@ def video_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterato
                 yield from (f'{shown}: {problem}' for problem in _file_problems(
                     reader, key, path, list(rows), prints))
             except DatasetError as err:
-                yield str(err)
+                yield f'{shown}: {err}'
 
 
 def has_fingerprints(reader: SetReader) -> bool:

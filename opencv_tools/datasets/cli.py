@@ -193,6 +193,8 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _shard(text: str) -> tuple[int, int]:
-    first, _, count = text.partition('/')
+    first, slash, count = text.partition('/')
+    if not slash:
+        raise argparse.ArgumentTypeError(f'{text!r} is not I/N, such as 3/100')
     shards = _number(count, 1, _MOST_SHARDS)
     return _number(first, 1, shards), shards

@@ -36,6 +36,8 @@ from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.logs import Log
 
 _EXIT_OK, _EXIT_FAILURE = 0, 1
+_MOST_TRIED = 100  # bags of which one must have the topics of the plan
+_MOST_WARNINGS = 5  # of a bag
 
 
 class Conversion:
@@ -68,7 +70,8 @@ class Conversion:
         if options.dry_run:
             return self._dry_run()
         if options.shard:
-            write_shard(self._target, options.shard, [job.name for job in self._jobs])
+            write_shard(self._target, options.shard, self._plan.digest,
+                        [job.name for job in self._jobs])
             failed = self._convert()
             self._log.info(f'{len(self._jobs) - len(failed)} of {len(self._jobs)} bags are in '
                            f'{printable(self._target, MAX_PATH)}; join all shards with --merge')
@@ -80,8 +83,8 @@ class Conversion:
             if not done or (failed and not options.skip_failed):
                 self._log.error(
                     f'{len(failed)} of {len(self._jobs)} bags cannot be converted, so no set is '
-                    'written; mend them and run the command again, which converts only what is '
-                    'missing, or leave them out with --skip-failed')
+                    'written; remove the causes and run the command again, which converts only '
+                    'what is missing, or leave these bags out with --skip-failed')
                 return _EXIT_FAILURE
             if not write_set([job.folder for job in done], self._target, self._log):
                 return _EXIT_FAILURE
@@ -93,13 +96,11 @@ class Conversion:
     def _resolved(self, plan: Plan, jobs: Sequence[Job]) -> Plan:
         """Return the plan with the names of all numbers, those of the first bag that has them."""
         reason = ''
-        for job in jobs:
+        for job in jobs[:_MOST_TRIED]:
             try:
                 return resolved(plan, job.path)
             except DatasetError as err:
                 reason = reason or f'{printable(job.name)}: {err}'
-                if not self._options.skip_failed:
-                    break
         raise DatasetError(reason)
 
     def _dry_run(self) -> int:
@@ -129,7 +130,9 @@ class Conversion:
             part = read_part(job.folder)
             rows = sum(episode['length'] for episode in part['episodes'])
             self._log.info(f'{shown}: {rows} rows in {len(part["episodes"])} episodes')
-            for warning in part['warnings']:
+            further = len(part['warnings']) - _MOST_WARNINGS
+            for warning in [*part['warnings'][:_MOST_WARNINGS], *(
+                    [f'{further} more warnings'] if further > 0 else [])]:
                 self._log.warning(f'{printable(job.name)}: {warning}')
         return failed
 

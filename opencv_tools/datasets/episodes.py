@@ -123,7 +123,7 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
             recording.warnings.append(
                 f'{left_out} rows of the episode at '
                 f'{(max(begin, start) - recording.start_ns) / NANO:.3f} s '
-                'are left out' + ('' if len(times) else ', which has no time with all topics'))
+                'are left out' + ('' if len(times) else ', in which no row has all topics'))
         found += kept
     if not found:
         raise DatasetError('no row has all topics')

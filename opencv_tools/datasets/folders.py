@@ -26,7 +26,7 @@ import shutil
 
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import is_same_file, natural_order, try_lock
+from opencv_tools.regular_files import is_same_file, natural_order, open_regular, try_lock
 
 _LOCK, _OLD, _NEW = '.lock', '.replaced', '.new'
 _UNSAFE = re.compile('[^A-Za-z0-9_.-]+')
@@ -56,9 +56,11 @@ def locked_parts(target: Path) -> Iterator[Path]:
     :raises OSError: the folder cannot be written.
     """
     parts = working_parts(target)
+    if parts.is_symlink():
+        raise DatasetError(f'{printable(parts, MAX_PATH)} is a link; remove it')
     parts.mkdir(parents=True, exist_ok=True)
     path = parts / _LOCK
-    with path.open('w') as lock:
+    with os.fdopen(open_regular(path, os.O_RDWR | os.O_CREAT, follow=False), 'r+b') as lock:
         if not try_lock(lock.fileno()) or not is_same_file(lock.fileno(), path):
             raise DatasetError(f'another img_convert is writing {printable(target, MAX_PATH)}; '
                                'wait for its end')

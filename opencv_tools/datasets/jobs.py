@@ -22,14 +22,16 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 import glob
 import multiprocessing
+from multiprocessing import forkserver
 import os
 from pathlib import Path
+import signal
 from threading import Thread
 
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
+from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
-from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import user_path
@@ -62,7 +64,8 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
     :raises DatasetError: there is no bag.
     """
     path = user_path(source)
-    if is_bag(path):
+    is_pattern = any(letter in source for letter in '*?[') and not path.exists()
+    if is_bag(path) and not is_pattern:
         found = [(path, path.name)]
     elif path.is_dir():
         found = [(bag, str(bag.relative_to(path))) for bag in _bags_below(path)]
@@ -83,9 +86,15 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
 
 
 def _bags_below(folder: Path) -> Iterator[Path]:
-    """Yield the bags in a folder and in the folders below; links to folders are not followed."""
-    for root, folders, files in os.walk(folder):
+    """Yield the bags in a folder and in the folders below; each folder once."""
+    seen: set[tuple[int, int]] = set()
+    for root, folders, files in os.walk(folder, followlinks=True):
         here = Path(root)
+        status = here.stat()
+        if (status.st_dev, status.st_ino) in seen:  # links may lead back
+            folders.clear()
+            continue
+        seen.add((status.st_dev, status.st_ino))
         inner = [name for name in folders if is_bag(here / name)]
         yield from (here / name for name in inner)
         folders[:] = [name for name in folders
@@ -104,6 +113,8 @@ def convert_job(job: Job, plan: Plan, threads: int) -> str:
         return os_reason(err)
     except MemoryError:
         return 'there is not enough memory'
+    except Exception as err:  # noqa: B902 (a bag that no rule foresees costs only itself)
+        return f'{type(err).__name__}: {printable(err)}'
     return ''
 
 
@@ -133,6 +144,11 @@ def _in_processes(jobs: Sequence[Job], plan: Plan, workers: int, threads: int,
     context = multiprocessing.get_context('forkserver')
     context.set_forkserver_preload(
         ['av', 'pyarrow.parquet', 'opencv_tools.datasets.bag_conversion'])
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        forkserver.ensure_running()  # Ctrl-C would print a traceback while it imports
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
     pool = ProcessPoolExecutor(workers, context, initializer=_begin)
     try:
         futures: dict[Future[str], Job] = {
@@ -153,6 +169,7 @@ def _begin() -> None:
     """Begin a process: the parent answers to signals, and each process uses one thread."""
     import cv2
     ignore_signals()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # by which a broken pool ends its processes
     cv2.setNumThreads(1)
     Thread(target=_end_with_parent, daemon=True).start()
 

@@ -206,7 +206,7 @@ class _Merge:
             size, found = (part / name).stat().st_size, stream_settings(part / name)
             if file.items and (file.size + size >= VIDEO_MEGABYTES * _MEGABYTE
                                or found != settings):
-                self._join(key, file)
+                self._join(key, file, frames)
                 file.next()
                 frames = 0
             settings, file.size = found, file.size + size
@@ -217,11 +217,11 @@ class _Merge:
                 self._episodes[number].update({f'videos/{key}/{column}': value
                                                for column, value in place.items()})
                 frames, number = end, number + 1
-        self._join(key, file)
+        self._join(key, file, frames)
 
-    def _join(self, key: str, file: _File) -> None:
+    def _join(self, key: str, file: _File, frames: int) -> None:
         path = self._path(VIDEO_PATH.format(video_key=key, **file.place))
-        join_videos(file.items, path)
+        join_videos(file.items, path, frames)
 
     def _write_episodes(self) -> None:
         pa = import_pyarrow()

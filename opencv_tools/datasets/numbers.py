@@ -155,7 +155,9 @@ def _array_names(value: NDArray[Any], parent: Any) -> list[str]:
     """Return the names beside an array, as those of the joints in JointState; [] without them."""
     for field in _NAME_FIELDS if isinstance(parent, dict) else ():
         names = parent.get(field)
-        if isinstance(names, list) and len(names) == len(value) and all(
+        if isinstance(names, list) and names and len(value) and all(
                 isinstance(name, str) for name in names):
+            if len(names) != len(value):
+                raise DatasetError(f"'{field}' has {len(names)} names for {len(value)} numbers")
             return names
     return []

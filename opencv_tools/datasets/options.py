@@ -53,8 +53,7 @@ def plan_of(options: Namespace) -> Plan:
         vectors.append((name, _sources([source], ())))
     images = [parse_named(text, 'a camera') for text in options.image]
     if not images and not vectors:
-        raise DatasetError('nothing is selected: give --image, --state, --action or --vector; '
-                           '--dry-run lists the topics then')
+        raise DatasetError('nothing is selected: give --image, --state, --action or --vector')
     for option, text in (('--task', options.task), ('--robot', options.robot)):
         if not text.isprintable():
             raise DatasetError(f"{option} '{printable(text)}' is not a printable text")

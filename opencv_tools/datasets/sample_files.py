@@ -155,4 +155,6 @@ def gather_samples(parts: Sequence[Path], described: Sequence[dict[str, Any]], f
     for part, content in zip(parts, described):
         source = part / SAMPLES[content['format']]
         shutil.copyfile(source, folder / f'{part.name}{source.suffix}')
-    (folder / BAGS).write_text(json.dumps([*described], indent=4))
+    (folder / BAGS).write_text(json.dumps([
+        {name: value for name, value in part.items() if name != 'features'} for part in described
+    ], indent=4))

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 import struct
 from typing import Any
@@ -53,6 +53,8 @@ class Samples:
     :param places: number of each message among all of the topic.
     :param values: numbers of all messages.
     :param events: values that begin or end episodes; None if the numbers are used.
+    :param can_begin: returns whether a message can be decoded without those before it.
+    :param left_out: number of messages before the first one that can.
     :param count: number of messages so far.
     :param damaged: number of those that cannot be read.
     """
@@ -65,6 +67,8 @@ class Samples:
     places: array[int] = field(default_factory=lambda: array('q'))
     values: array[float] = field(default_factory=lambda: array('d'))
     events: list[Any] | None = None
+    can_begin: Callable[[Any], bool] | None = None
+    left_out: int = 0
     count: int = 0
     damaged: int = 0
 
@@ -83,6 +87,9 @@ class Samples:
         try:
             serialized = decompressed_message(item.load())
             message = self.reader.read(serialized) if self.reader else {}
+            if self.can_begin and not self.logs and not self.can_begin(serialized):
+                self.left_out += 1
+                return
             stamp = _stamp(serialized) if not self.reader or self.reader.has_stamp else 0
             self.logs.append(item.log_ns)
         except (ImageError, OSError, OverflowError, struct.error):

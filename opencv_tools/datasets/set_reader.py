@@ -47,6 +47,9 @@ class SetReader:
         :raises DatasetError: the folder is no data set of version 3.
         """
         self.folder = folder
+        if not (folder / INFO).exists():
+            raise DatasetError(f'{printable(folder, MAX_PATH)} is no LeRobot data set, which has '
+                               f'{INFO}; only these are checked')
         self.info = self.read_json(INFO)
         version = self.info.get('codebase_version')
         if not isinstance(version, str) or not version.startswith('v3.'):
@@ -205,7 +208,6 @@ def _check_size(group: Any, columns: Collection[str], shown: str) -> None:
     if size > _MAX_GROUP or group.num_rows * _WIDTH > _MAX_GROUP:
         raise DatasetError(f'{shown} has a row group of {size} bytes, at most {_MAX_GROUP} are '
                            'read')
-
 
 
 def values_of(table: Any, name: str) -> list[Any]:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
+from opencv_tools.capture.bag_video import can_begin
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource, Plan
 from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
-from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.units import NANO
 
@@ -84,7 +85,7 @@ def open_bag(path: Path) -> Bag:
     """
     try:
         return Bag(path)
-    except (ImageError, OSError) as err:
+    except (ValueError, OSError) as err:
         raise DatasetError(_reason(err)) from err
 
 
@@ -103,6 +104,7 @@ def find_topic(bag: Bag, name: str, images: bool = False) -> BagTopic:
         kind = 'topic of images' if images else 'topic'
         raise DatasetError(
             f'there is no {kind} {printable(name)}; there is {enumerated(known, 20) or "none"}'
+            + ''.join(f' ({warning})' for warning in bag.warnings[:1])
             if not found else f'{printable(name)} has messages of {len(found)} types')
     return found[0]
 
@@ -114,16 +116,23 @@ def resolved(plan: Plan, path: Path) -> Plan:
     :raises DatasetError: a topic has no message, or no such numbers.
     """
     bag = open_bag(path)
-    names = {source: source.names or _first_names(bag, source) for source in plan.sources}
+    names = {source: _chosen_names(bag, source) for source in plan.sources}
+    found = {name for chosen in names.values() for name in chosen}
+    missing = [name for source in plan.sources for name in source.names if name not in found]
+    if missing:
+        raise DatasetError(f"joint '{printable(missing[0])}' is missing; the topics have "
+                           f'{enumerated(sorted(found), 20)}')
     vectors = tuple((key, tuple(NumbersSource(source.topic, source.path, names[source])
                                 for source in sources)) for key, sources in plan.vectors)
     return Plan(**{**vars(plan), 'vectors': vectors})
 
 
-def _first_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
+def _chosen_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
+    """Return those names that a source has in its first message; all if it has none of them."""
     topic = find_topic(bag, source.topic)
     with closing(bag):
-        return first_names(bag.messages([topic]), topic, source)
+        found = first_names(bag.messages([topic]), topic, source)
+    return tuple(name for name in source.names if name in found) or found
 
 
 def _track(samples: Samples, plan: Plan, name: str) -> Track:
@@ -145,7 +154,8 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     :param plan: plan with the names of all numbers.
     :raises DatasetError: a topic, a field or a name is missing, or the times cannot be used.
     """
-    samples = {name: Samples(find_topic(bag, topic, images=True)) for name, topic in plan.images}
+    samples = {name: Samples(found, can_begin=partial(can_begin, found.type_name))
+               for name, topic in plan.images for found in (find_topic(bag, topic, images=True),)}
     for source in plan.sources:
         topic = find_topic(bag, source.topic)
         samples[str(source)] = Samples(topic, source)
@@ -160,6 +170,8 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     tracks = {name: _track(one, plan, name) for name, one in samples.items()}
     warnings += [f'{name}: {one.damaged} messages cannot be read'
                  for name, one in samples.items() if one.damaged]
+    warnings += [f'{name}: {one.left_out} messages before the first key frame are left out'
+                 for name, one in samples.items() if one.left_out]
     warnings += [f'{name}: {track.late} messages are left out, because their times are not later '
                  'than those before them' for name, track in tracks.items() if track.late]
     warnings += _clock_warnings(tracks)
@@ -182,7 +194,7 @@ def _read(bag: Bag, samples: list[Samples]) -> int:
                     continue
                 for one in by_topic[item.topic]:
                     _add(one, item)
-    except (ImageError, OSError) as err:
+    except (ValueError, OSError) as err:
         raise DatasetError(_reason(err)) from err
     return damages
 

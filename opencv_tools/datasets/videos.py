@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from fractions import Fraction
+import os
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.video.frame import to_video_frame
 from opencv_tools.recording.video.writer import check_video
+from opencv_tools.regular_files import open_regular
 
 # PyAV is imported in functions, because the import is slow.
 
@@ -88,6 +90,8 @@ class VideoFileWriter:
             self._frames += 1
             self._container.mux(self._stream.encode(frame))
         except (VideoError, av.error.FFmpegError, ValueError) as err:
+            if isinstance(err, OSError) and err.errno and err.errno > 0:
+                raise  # a full disk
             size = f'{image.shape[1]}x{image.shape[0]}'
             raise DatasetError(f'a picture of {size} cannot be encoded: {printable(err)}') from err
 
@@ -107,10 +111,11 @@ class VideoFileWriter:
             self._container.close()
 
 
-def join_videos(sources: Sequence[Path], target: Path) -> None:
+def join_videos(sources: Sequence[Path], target: Path, expected: int) -> None:
     """
     Join videos of one size and rate without encoding them again.
 
+    :param expected: number of frames that they have.
     :raises DatasetError: a file is no video of this package.
     :raises OSError: a file cannot be read or written.
     """
@@ -130,6 +135,9 @@ def join_videos(sources: Sequence[Path], target: Path) -> None:
                             packet.stream = stream
                             output.mux(packet)
                             frames += 1
+        if frames != expected:
+            raise DatasetError(f'the videos of {printable(target, MAX_PATH)} have {frames} frames '
+                               f'instead of {expected}: convert their bags again')
     except (av.error.FFmpegError, IndexError, TypeError, ZeroDivisionError) as err:
         if isinstance(err, OSError) and err.errno and err.errno > 0:
             raise
@@ -145,11 +153,13 @@ def stream_settings(path: Path) -> bytes:
     """
     import av
     try:
+        os.close(open_regular(path))
         with av.open(str(path)) as container:
             context: Any = container.streams.video[0].codec_context
             return bytes(context.extradata or b'')
-    except (av.error.FFmpegError, IndexError) as err:
-        raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {printable(err)}') from err
+    except (av.error.FFmpegError, IndexError, OSError) as err:
+        reason = printable(getattr(err, 'strerror', None) or err)
+        raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {reason}') from err
 
 
 def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
@@ -160,16 +170,17 @@ def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
     """
     import av
     try:
+        os.close(open_regular(path))  # FFmpeg would wait for a pipe
         with av.open(str(path)) as container:
             stream: Any = container.streams.video[0]
             stream.thread_type = 'AUTO'
             for frame in container.decode(stream):
                 if frame.pts is None or frame.is_corrupt:
-                    raise DatasetError(f'{printable(path.name)} has a damaged frame')
+                    raise DatasetError('it has a damaged frame')
                 yield frame.pts * Fraction(frame.time_base), frame
-    except (av.error.FFmpegError, IndexError) as err:
-        raise DatasetError(f'{printable(path.name)} is no video, or is damaged: {printable(err)}'
-                           ) from err
+    except (av.error.FFmpegError, IndexError, OSError) as err:
+        reason = printable(getattr(err, 'strerror', None) or err)
+        raise DatasetError(f'it is no video, or is damaged: {reason}') from err
 
 
 def frame_luma(frame: Any) -> NDArray[np.uint8]:

@@ -112,7 +112,7 @@ def test_next_run_converts_only_what_is_missing(bags: Path, capsys: Errors) -> N
     assert main(words) == 1
     errors = capsys.readouterr().err
     assert re.search(r'error: 2 of 3, 1.mcap: .*\n', errors)
-    assert '1 of 3 bags cannot be converted, so no set is written; mend them and run' in errors
+    assert '1 of 3 bags cannot be converted, so no set is written; remove the causes' in errors
     assert rests(bags.parent) == ['.set.parts']
     first = parts_of(bags)
     assert first.keys() == {'0', '2'}

@@ -21,6 +21,8 @@ import os
 from pathlib import Path
 import shutil
 import signal
+import subprocess
+import sys
 from threading import Event
 import time
 
@@ -162,3 +164,25 @@ def test_videos_end_when_one_of_them_fails_or_the_command_ends(
                    '--jobs', 2) == 1
     assert ended == [True]
     assert 'a.mcap: it fails' in capsys.readouterr().err
+
+
+def test_pattern_with_the_extension_of_a_bag(tmp_path: Path) -> None:
+    for name in ('b1', 'b2', 'c'):
+        Drive(seconds=0.1).write(tmp_path / f'in/{name}.mcap')
+    (tmp_path / 'in/far').symlink_to(tmp_path / 'in')  # leads back
+    parts = tmp_path / 'parts'
+    assert [job.name for job in find_jobs(str(tmp_path / 'in/b*.mcap'), parts)] == [
+        'b1.mcap', 'b2.mcap']
+    assert [job.name for job in find_jobs(str(tmp_path / 'in'), parts)] == [
+        'b1.mcap', 'b2.mcap', 'c.mcap']
+
+
+@pytest.mark.process
+def test_worker_ends_at_sigterm_and_not_at_ctrl_c() -> None:
+    code = ('import time; from opencv_tools.datasets.jobs import _begin; _begin(); '
+            f'print(flush=True); time.sleep({DEADLINE})')
+    with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE) as worker:
+        assert worker.stdout and worker.stdout.readline()
+        worker.send_signal(signal.SIGINT)
+        worker.send_signal(signal.SIGTERM)  # a pool ends its processes so
+        assert worker.wait(DEADLINE) == -signal.SIGTERM

@@ -22,7 +22,7 @@ from pathlib import Path
 import shutil
 from typing import Any
 
-from dataset_bags import Drive, JOINTS, plain_entry
+from dataset_bags import Drive, jpeg_entry, plain_entry
 from dataset_sets import (
     check_rows, convert, episodes_of, frames_of, info_of, numbers_of, rows_of, tasks_of, USUAL)
 import numpy as np
@@ -128,20 +128,42 @@ def check_statistics(folder: Path) -> None:
 
 
 def test_parts_with_another_feature_are_refused(tmp_path: Path, capsys: Errors) -> None:
-    bags = [Drive(seconds=0.2).write(tmp_path / f'{name}.mcap') for name in 'ab']
-    words: list[tuple[object, ...]] = [
-        (*USUAL, '--joints', ','.join(JOINTS)), (*USUAL, '--joints', ','.join(reversed(JOINTS))),
-        USUAL[:4], (*USUAL, '--vector', 'more=/joint_states.position'), (*USUAL, '--robot', 'b')]
-    reasons = ('observation.state of b.mcap is ', "action of b.mcap is {'dtype': None",
-               "more of b.mcap is {'dtype': 'float32'", "robot_type of b.mcap is 'b', that of a")
-    assert convert(bags[0], tmp_path / 'a', *words[0], '--shard', '1/1') == 0
-    for number, reason in enumerate(reasons, 1):
-        folder = tmp_path / str(number)
-        assert convert(bags[1], folder, *words[number], '--shard', '1/1') == 0
-        capsys.readouterr()
-        assert main(['--merge', str(tmp_path / 'a'), str(folder), str(tmp_path / 'set')]) == 1
+    Drive(seconds=0.2).write(tmp_path / 'bags/a.mcap')
+    other = Drive(seconds=0.2, topics=())
+    other.others = [jpeg_entry(number, other.picture_ns(number), width=176) for number in range(6)]
+    other.write(tmp_path / 'bags/b.mcap')
+    assert convert(tmp_path / 'bags', tmp_path / 'set', *USUAL) == 1
+    assert 'observation.images.front of b.mcap is ' in capsys.readouterr().err
+    assert not (tmp_path / 'set').exists()
+
+
+def test_shards_of_other_options_or_numbers_are_refused(tmp_path: Path, capsys: Errors) -> None:
+    for name in 'ab':
+        Drive(seconds=0.2).write(tmp_path / f'bags/{name}.mcap')
+    for folder, words in (('1', ('--shard', '1/2')), ('2', ('--shard', '2/2', '--crf', 30)),
+                          ('3', ('--shard', '2/3'))):
+        assert convert(tmp_path / 'bags', tmp_path / folder, *USUAL, *words) == 0
+    for second, reason in (('2', 'the shards have different options; run all of them with'),
+                           ('3', 'there are shards of 2 and of 3; run all shards again')):
+        assert main(['--merge', *(str(tmp_path / one) for one in ('1', second, 'set'))]) == 2
         assert reason in capsys.readouterr().err
         assert sorted(path.name for path in tmp_path.glob('*set*')) == []
+
+
+def test_bag_that_is_deleted_leaves_its_shard(tmp_path: Path) -> None:
+    for name in 'ab':
+        Drive(seconds=0.2).write(tmp_path / f'bags/{name}.mcap')
+    for _ in range(2):
+        assert convert(tmp_path / 'bags', tmp_path / 'shard', *USUAL, '--shard', '1/1') == 0
+        (tmp_path / 'bags/b.mcap').unlink(missing_ok=True)
+    assert main(['--merge', str(tmp_path / 'shard'), str(tmp_path / 'set')]) == 0
+    assert len(episodes_of(tmp_path / 'set')) == 1
+
+
+def test_shard_is_not_written_among_other_files(tmp_path: Path, capsys: Errors) -> None:
+    bag = Drive(seconds=0.2).write(tmp_path / 'bags/a.mcap')
+    assert convert(bag, tmp_path / 'bags', *USUAL, '--shard', '1/1') == 2
+    assert 'has a.mcap, which is no part of a shard; give a new folder' in capsys.readouterr().err
 
 
 @pytest.fixture
@@ -176,10 +198,10 @@ def test_bag_of_two_shards_and_folder_without_parts_are_errors(
     shutil.copytree(tmp_path / 'a', tmp_path / 'b')
     words = ['--merge', *(str(tmp_path / one) for one in ('a', 'b', 'set'))]
     assert main(words) == 2
-    assert 'a.mcap is in ' in capsys.readouterr().err
+    assert 'a.mcap is in two shards; run all shards again' in capsys.readouterr().err
     shutil.rmtree(tmp_path / 'b')
     assert main(words) == 2
-    assert '/b has no part of a data set; give folders that --shard' in capsys.readouterr().err
+    assert '/b is no folder that --shard has written' in capsys.readouterr().err
 
 
 def test_missing_shards_and_bags_are_named(tmp_path: Path, capsys: Errors) -> None:
@@ -195,10 +217,10 @@ def test_missing_shards_and_bags_are_named(tmp_path: Path, capsys: Errors) -> No
     assert '1 of 2 shards are missing: 1\n' in capsys.readouterr().err
     words = ['--merge', str(tmp_path / '1'), str(tmp_path / '2'), target]
     assert main(words) == 2
-    assert '1 bags of the shards are not converted: 2.mcap; run their shards again' in (
+    assert 'not converted in the shards (1): 2.mcap; run their shards again' in (
         capsys.readouterr().err)
     assert main([*words, '--skip-failed']) == 0
-    assert 'warning: 1 bags are left out: 2.mcap' in capsys.readouterr().err
+    assert 'warning: left out (1): 2.mcap' in capsys.readouterr().err
     assert numbers_of(tmp_path / 'set') == [*range(6)] * 3
     for content in (b'{"a": 1}', b'[1]', b'[' * 100_000):
         (tmp_path / '1/shard_1_of_2.json').write_bytes(content)

@@ -26,7 +26,8 @@ from dataset_bags import (
     BEGAN, Drive, joint_values, joints_entry, jpeg_entry, NANO, numbered_picture, plain_entry,
     with_definitions)
 from dataset_sets import (
-    CAMERA, check_rows, convert, info_of, JOINTS_STATE, numbers_of, rows_of, stamps_of, USUAL)
+    CAMERA, check_rows, convert, frames_of, info_of, JOINTS_STATE, numbers_of, rows_of, stamps_of,
+    USUAL)
 import numpy as np
 from opencv_tools.image.cdr import image_to_cdr, WireHeader
 from opencv_tools.image.encodings import find_encoding
@@ -109,6 +110,8 @@ def test_every_row_has_its_picture_and_joints(
     row_ns = [start + row * S // fps for row in range(len(numbers))]
     assert stamps_of(folder, '/joint_states.position') == [
         one - (one - BEGAN) % (S // 100) for one in row_ns]
+    for number, (_, image) in zip(numbers, frames_of(folder), strict=True):  # also the colours
+        assert np.abs(image.astype(int) - numbered_picture(number)).mean() < 15
     rows = rows_of(folder)
     assert np.allclose(rows['action'], 10 * rows['observation.state'], rtol=1e-5)
 
@@ -211,7 +214,8 @@ def test_missing_and_double_joints_are_an_error(tmp_path: Path, capsys: Errors) 
     (('--state', '/joint_states.position.3'), "there is no field '3'; there is 0 to 2"),
     (('--state', '/joint_states.name'), "'name' is a list of messages or texts, not a number"),
     (('--state', '/joint_states.velocity'), 'has 0 numbers; 1 to 4096 can be a feature'),
-    (('--state', '/joint_states.position', '--joints', 'hip'), 'hip of 1 is missing'),
+    (('--state', '/joint_states.position', '--joints', 'hip'),
+     "joint 'hip' is missing; the topics have elbow, shoulder, wrist"),
 ])
 def test_missing_topics_and_fields_are_an_error_that_lists_what_there_is(
         words: tuple[str, ...], reason: str, tmp_path: Path, capsys: Errors) -> None:
@@ -339,9 +343,11 @@ def test_odd_size_and_one_row(tmp_path: Path) -> None:
     assert info_of(folder)['features']['observation.images.odd']['shape'] == [121, 161, 3]
 
 
-@pytest.mark.parametrize('lost', [(), (31, 32)])
+@pytest.mark.parametrize(('lost', 'warning'), [
+    ((), ''), ((31, 32), 'pictures cannot be decoded'),
+    ((0,), 'front: 19 messages before the first key frame are left out')])
 def test_video_topic_is_decoded_from_its_key_frames(
-        lost: tuple[int, ...], tmp_path: Path, capsys: Errors) -> None:
+        lost: tuple[int, ...], warning: str, tmp_path: Path, capsys: Errors) -> None:
     drive = Drive(topics=())
     encoder = VideoEncoder(VideoSettings(key_interval=3600.0), 160, 120, 30.0)
     for number in range(60):
@@ -358,5 +364,32 @@ def test_video_topic_is_decoded_from_its_key_frames(
         assert convert(bag, target, '--image', 'front=/cam0/ffmpeg', *JOINTS_STATE, fps=fps) == 0
         # After a loss the pictures cannot be decoded up to the next key frame.
         assert check_rows(target, drive.picture_ns) == [
-            30 if lost and 30 < number < 40 else number for number in range(0, 60, step)]
-    assert ('pictures cannot be decoded' in capsys.readouterr().err) == bool(lost)
+            30 if 31 in lost and 30 < number < 40 else number
+            for number in range(20 if 0 in lost else 0, 60, step)]
+    errors = capsys.readouterr().err
+    assert warning in errors if warning else 'warning' not in errors
+
+
+def test_joints_of_two_topics(tmp_path: Path) -> None:
+    drive = Drive(seconds=0.3)
+    drive.others = [joints_entry(BEGAN + step * S // 100, [step], ['grip'], '/gripper')
+                    for step in range(31)]
+    folder = converted(tmp_path, drive, *CAMERA, *JOINTS_STATE, '--state', '/gripper.position',
+                       '--joints', 'elbow,grip,wrist')
+    assert info_of(folder)['features']['observation.state']['names'] == [
+        '/joint_states.position.elbow', '/joint_states.position.wrist', '/gripper.position.grip']
+
+
+def test_names_that_do_not_fit_the_numbers_are_an_error(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=0.3, others=[joints_entry(BEGAN, [1, 2, 3], ['a', 'b'], '/odd')])
+    assert "'name' has 2 names for 3 numbers" in refused(
+        tmp_path, drive, capsys, *CAMERA, '--state', '/odd.position')
+
+
+def test_image_without_pixels_is_an_error(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=0.3, topics=())
+    cdr = image_to_cdr(array_to_wire(np.zeros((0, 0, 3), np.uint8), find_encoding('bgr8'),
+                                     WireHeader(*divmod(BEGAN, NANO), 'cam')))
+    drive.others.append(Entry(BEGAN, cdr, '/empty'))
+    assert 'cannot be decoded: it has no pixels' in refused(
+        tmp_path, drive, capsys, '--image', 'front=/empty', *JOINTS_STATE)
