@@ -23,14 +23,10 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
-from opencv_tools.cv_bridge import CvBridgeError
-from opencv_tools.image.cdr import WireMessage
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
-from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
-from opencv_tools.viewer.errors import MAX_MESSAGE
+from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
+from opencv_tools.viewer.pixels import Pixels, read_pixels
 
 _P = ParamSpec('_P')
 _T = TypeVar('_T')
@@ -75,6 +71,7 @@ class Stream:
         self._broken_number = 0
         self._is_notified = False
         self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | str]]] = {}
+        self._pixels: tuple[int, asyncio.Future[Pixels]] | None = None
 
     @property
     def broken(self) -> int:
@@ -108,13 +105,26 @@ class Stream:
         number, future = self._pictures.get(options, (0, None))
         if future is None or number != frame.number:
             self.encodings += 1
-            future = self._loop.run_in_executor(self._pool, _encode, frame.message, options)
+            future = self._loop.run_in_executor(
+                self._pool, picture_or_reason, frame.message, options)
             future.add_done_callback(
                 lambda done: self.record(frame.number, done.result()))
             self._pictures = {key: value for key, value in self._pictures.items()
                               if value[0] == frame.number}
             self._pictures[options] = frame.number, future
         return future
+
+    async def pixels(self, frame: NewFrame) -> Pixels:
+        """
+        Return the pixels of a frame, upright; those of the last one are kept.
+
+        :raises ImageError: the message is not a valid image.
+        :raises CvBridgeError: the message is not a valid image.
+        """
+        if self._pixels is None or self._pixels[0] != frame.number:
+            self._pixels = frame.number, asyncio.ensure_future(
+                self.in_pool(read_pixels, frame.message, upright=True))
+        return await asyncio.shield(self._pixels[1])
 
     async def next_frame(self, after: int, seconds: float) -> NewFrame | None:
         """
@@ -173,11 +183,3 @@ class Stream:
         self._is_notified = False
         for watcher in tuple(self.watchers):
             watcher()
-
-
-def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:
-    """Return the picture of a message, or the reason why it has none."""
-    try:
-        return encode_picture(message, options)
-    except (CvBridgeError, ImageError) as err:
-        return printable(err, MAX_MESSAGE)

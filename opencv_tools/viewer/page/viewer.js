@@ -27,7 +27,8 @@ import { decodedCodecs, explainJpeg, readTopic } from './video.js';
 
 const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
-const SETTLE_MS = 200;
+const SETTLE_MS = 100;
+const ZOOM = 1.5; // of a press of a button
 const STALLED_SECONDS = 2; // two pings without an answer
 
 const part = (id) => document.getElementById(id);
@@ -84,13 +85,16 @@ const connection = new Connection({
     if (message.status) show();
     if (message.error) complain(message);
     if (message.refused) leaveVideo(message.refused);
+    for (const kind of ['pixel', 'profile', 'histogram']) {
+      if (message[kind]) tiles.get(message[kind].topic)?.look.receive(kind, message[kind]);
+    }
     controls.receive(message);
   },
   frame(bytes) {
     const { id, isVideo } = readTopic(bytes);
     const tile = numbers.get(id);
-    if (tile && isVideo) tile.decode(connection, bytes);
-    else if (tile) tile.draw(connection, bytes);
+    if (tile && isVideo) tile.decode(bytes);
+    else if (tile) tile.draw(bytes);
     else connection.send({ got: new DataView(bytes).getUint32(4) });
   },
 });
@@ -108,10 +112,20 @@ const inView = new IntersectionObserver((entries) => {
   ask();
 }, { rootMargin: '100px' });
 let settle = 0;
-const sizes = new ResizeObserver(() => {
-  clearTimeout(settle);
-  settle = setTimeout(ask, SETTLE_MS);
+const sizes = new ResizeObserver((entries) => {
+  for (const { target } of entries) {
+    tiles.get(target.closest('.tile').dataset.topic)?.view.place();
+  }
+  askSoon();
 });
+
+/** Ask for other pictures, but not with each step of a movement. */
+function askSoon() {
+  settle ||= setTimeout(() => {
+    settle = 0;
+    ask();
+  }, SETTLE_MS);
+}
 
 /** Show a sentence below the head of the page; '' removes it. */
 function notify(sentence, disappears = true) {
@@ -149,8 +163,10 @@ function takesVideo(tile) {
 }
 
 function addTile(name) {
-  const tile = new Tile(name);
+  const tile = new Tile(name, connection, askSoon);
   tiles.set(name, tile);
+  tile.element.querySelector('.look').addEventListener('click',
+    ({ target }) => look(target.closest('button')?.dataset.look));
   tile.link.addEventListener('click', (event) => {
     if (event.ctrlKey || event.metaKey || event.shiftKey) return;
     event.preventDefault();
@@ -169,6 +185,7 @@ function listTopics(topics) {
     if (!names.includes(name)) {
       inView.unobserve(tile.element);
       sizes.unobserve(tile.link);
+      tile.ask(false, {});
       tile.element.remove();
       tiles.delete(name);
     }
@@ -199,10 +216,15 @@ function countMore(count) {
 
 /** Ask for the pictures that somebody sees. */
 function ask() {
+  const alone = shown();
   for (const tile of tiles.values()) {
     const width = widths.find((step) => step >= tile.width) ?? 0;
     const options = takesVideo(tile) ? { width, video: true } : { width, ...fixed };
-    tile.ask(connection, tile.inView && !isPaused && !document.hidden, options);
+    const looks = tile.name === alone;
+    if (looks) options.looks = true;
+    const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
+    if (held) options.held = true;
+    tile.ask(held || (tile.inView && !isPaused && !document.hidden), options);
   }
 }
 
@@ -278,22 +300,24 @@ function show() {
   part('empty').hidden = tiles.size > 0 || robot.isShown || mood !== 'live';
   const ratios = [];
   for (const tile of tiles.values()) {
-    tile.show(connection, present);
-    if (tile.status?.width) ratios.push(tile.status.width / tile.status.height);
+    tile.show(present);
+    if (tile.status.width) ratios.push(tile.status.width / tile.status.height);
   }
   ratios.sort((one, other) => one - other);
   const one = tiles.get(shown());
   showPanel();
-  arrange(tiles.size + robot.isShown, one?.status?.width
+  arrange(tiles.size + robot.isShown, one?.status.width
     ? one.status.width / one.status.height : ratios[ratios.length >> 1] ?? 16 / 9, one);
   ask();
 }
 
 function showPanel() {
   const tile = tiles.get(shown());
-  range.show(tile?.status?.range, tile?.range);
+  range.show(tile?.status.range, tile?.range);
+  tile?.look.ask();
+  part('chart').hidden = !tile?.look.chart;
   controls.show(tiles.get(selected)?.topic?.nodes ?? []);
-  part('panel').hidden = range.isHidden && controls.isEmpty;
+  part('panel').hidden = range.isHidden && controls.isEmpty && part('chart').hidden;
 }
 
 /** Keep a setting of the picture in the address; '' removes it. */
@@ -347,6 +371,24 @@ function fillScreen() {
   else tiles.get(shown())?.link.requestFullscreen?.();
 }
 
+// What each button and key does to look into a picture.
+const LOOKS = {
+  in: ({ view }) => view.zoom(view.scale * ZOOM),
+  out: ({ view }) => view.zoom(view.scale / ZOOM),
+  fit: ({ view }) => view.zoom(0),
+  one: ({ view }) => view.zoom(1 / devicePixelRatio),
+  profile: (tile) => tile.look.toggle('profile'),
+  histogram: (tile) => tile.look.toggle('histogram'),
+};
+
+/** Look into the picture in another way. */
+function look(name) {
+  const tile = tiles.get(shown());
+  if (!tile || tile.canvas.hidden) return;
+  LOOKS[name]?.(tile);
+  show();
+}
+
 /** Move the focus in the grid. */
 function moveFocus(distance) {
   const links = [...cameras.querySelectorAll('.frame')];
@@ -374,6 +416,12 @@ const ONE_KEYS = {
   Escape: () => select(''),
   f: fillScreen,
   r: rectify,
+  '+': () => look('in'),
+  '-': () => look('out'),
+  0: () => look('fit'),
+  1: () => look('one'),
+  h: () => look('histogram'),
+  l: () => look('profile'),
 };
 listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
 document.addEventListener('visibilitychange', ask);

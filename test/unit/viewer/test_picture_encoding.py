@@ -26,6 +26,7 @@ from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
+from opencv_tools.viewer.region import Region
 import pytest
 
 FULL = PictureOptions(0, 95)
@@ -205,3 +206,51 @@ def test_fine_pattern_that_is_made_much_smaller() -> None:
     picture = encode_picture(wire(image, 'mono8'), PictureOptions(100, 100))
     shown = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert np.abs(shown.astype(int) - 30).max() <= 2
+
+
+REGION = Region(x=128, y=64, width=64, height=48)
+
+
+@pytest.mark.parametrize('encoding', [*ENCODINGS, '16UC1', '32SC1', '32FC1'])
+@pytest.mark.parametrize('width', [0, 32])
+def test_region_has_the_pixels_of_the_whole_picture(encoding: str, width: int) -> None:
+    image = random_image(encoding, 192, 256)
+    if encoding == '16UC1':
+        image = np.maximum(image, 1)  # each pixel has a depth
+    limits = (0, 1000) if encoding in ('16UC1', 'mono16', '32FC1') else None
+    whole, part = (encode_picture(wire(image, encoding), PictureOptions(
+        size, 100, limits=limits, region=region))
+        for size, region in ((4 * width, None), (width, REGION)))
+    assert part.source_size == whole.source_size == (256, 192)
+    assert (part.region, whole.region.values) == (REGION, (0, 0, 256, 192))
+    assert (part.width, part.height) == ((32, 24) if width else (64, 48))
+    factor = 2 if width else 1
+    expected = REGION.crop(pixels(whole), factor).astype(int)
+    # The colours at the edges of a Bayer image and of the blocks of a JPEG differ.
+    assert np.median(np.abs(pixels(part).astype(int) - expected)) < 6
+
+
+@pytest.mark.parametrize(('name', 'ending'), [('jpeg', '.jpg'), ('png', '.png')])
+@pytest.mark.parametrize('width', [0, 80])
+def test_region_of_a_compressed_image(name: str, ending: str, width: int) -> None:
+    message = compressed(encode_image(gradient(), ending).tobytes(), name)
+    region = Region(x=320, y=160, width=160, height=120)
+    picture = encode_picture(message, PictureOptions(width, 95, region=region))
+    assert not picture.is_kept
+    assert (picture.region, picture.source_size) == (region, (640, 480))
+    expected = cv2.resize(region.crop(gradient()), (picture.width, picture.height),
+                          interpolation=cv2.INTER_AREA)
+    assert picture.width == (width or 160)
+    assert np.abs(pixels(picture).astype(int) - expected).max() < 12
+
+
+def test_region_of_a_turned_jpeg_is_that_of_the_shown_image() -> None:
+    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
+                         '00000000')
+    jpeg = encode_image(gradient(), '.jpg').tobytes()
+    region = Region(x=0, y=480, width=480, height=160)  # below a picture that is not turned
+    picture = encode_picture(compressed(jpeg[:2] + exif + jpeg[2:]),
+                             PictureOptions(0, 95, region=region))
+    assert (picture.region, picture.source_size) == (region, (480, 640))
+    expected = region.crop(cv2.rotate(gradient(), cv2.ROTATE_90_CLOCKWISE))
+    assert np.abs(pixels(picture).astype(int) - expected).max() < 12
