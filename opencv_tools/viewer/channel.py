@@ -75,7 +75,8 @@ class Channel:
         before, self.options = self.options, options
         if replace(before, held=options.held) == options:
             return
-        if replace(before, region=options.region, limits=options.limits) != options:
+        if replace(before, region=options.region, limits=options.limits,
+                   colors=options.colors) != options:
             self._restart_link()
         self._number = 0
         self.frame_arrived()
@@ -154,7 +155,8 @@ class Channel:
             width = 0 if width >= self._source_width else width
         keep = not options.fixed and not (self._link and self._link.is_lowered)
         return PictureOptions(
-            width, quality, limits=options.limits, keep=keep, region=options.region)
+            width, quality, limits=options.limits, keep=keep, region=options.region,
+            colors=options.colors)
 
     def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | str]) -> None:
         self._is_encoding = False

@@ -26,6 +26,7 @@ from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import decode_image
+from opencv_tools.viewer.compressed_depth import decode_compressed_depth, is_compressed_depth
 
 _BRIDGE = CvBridge()
 
@@ -62,6 +63,8 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
         check_size(message.width, message.height, MAX_PIXELS)
         return Pixels(_BRIDGE.imgmsg_to_cv2(message), find_encoding(message.encoding))
     content = bytes(message.data)
+    if is_compressed_depth(message.format):
+        return Pixels(*decode_compressed_depth(content, message.format))
     check_size(*image_size(content), MAX_PIXELS)
     image = decode_image(content, upright)
     return Pixels(image, decoded_encoding(image, message.format))

@@ -36,6 +36,9 @@ WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
 #: Maximum number of topics in the list, and of those that a page looks at.
 MAX_TOPICS = 200
 
+#: Colours of depth.
+COLORS = ('turbo', 'gray')
+
 #: Ends of the names of topics with compressed images and with video.
 COMPRESSED, VIDEOS = '/compressed', ('/ffmpeg', '/foxglove')
 
@@ -63,6 +66,7 @@ class ViewOptions:
     :param video: whether packets of video are better than JPEGs.
     :param slow: whether the link does not carry the video of the topic.
     :param region: the only part of the images that is shown; None for whole images.
+    :param colors: colours of depth, one of ``COLORS``.
     :param looks: whether the viewer asks for values of the pixels.
     :param held: whether the last picture stays, and no newer one is sent.
     """
@@ -75,6 +79,7 @@ class ViewOptions:
     video: bool = False
     slow: bool = False
     region: Region | None = None
+    colors: str = 'turbo'
     looks: bool = False
     held: bool = False
 
@@ -206,13 +211,17 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
             raise RequestError('range is not a list of two numbers')
         limits = (valid_number(limits[0], 'range', -math.inf, math.inf),
                   valid_number(limits[1], 'range', -math.inf, math.inf))
+    colors = message.get('colors', COLORS[0])
+    if colors not in COLORS:
+        raise RequestError(f'colors is {str(colors)[:40]!r}: give one of {", ".join(COLORS)}')
     return ViewOptions(
         width=int(valid_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
         quality=int(valid_number(message.get('quality', 0), 'quality', 0, 100)),
         rate=valid_number(message.get('rate', 0), 'rate', 0, 1000),
         fixed=message.get('fixed', False) is True, limits=limits,
         video=message.get('video', False) is True, region=parse_region(message.get('region')),
-        looks=message.get('looks', False) is True, held=message.get('held', False) is True)
+        colors=colors, looks=message.get('looks', False) is True,
+        held=message.get('held', False) is True)
 
 
 def parse_region(values: Any) -> Region | None:

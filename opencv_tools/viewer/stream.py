@@ -24,6 +24,7 @@ from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from opencv_tools.logs import Log
+from opencv_tools.viewer.depth_range import DepthRange
 from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.pixels import Pixels, read_pixels
@@ -65,6 +66,7 @@ class Stream:
         self._loop = loop
         self._pool = pool
         self._log = log
+        self._range = DepthRange()
         self._error = ''  # of the newest picture
         self._logged = ''
         self._broken = 0
@@ -90,7 +92,8 @@ class Stream:
         quiet = feed.quiet_seconds
         return {
             'id': self.number, 'name': self.name, 'width': width, 'height': height,
-            'encoding': picture.encoding if picture else '', 'rate': round(feed.rate, 1),
+            'encoding': picture.encoding if picture else '',
+            'unit': picture.unit if picture else '', 'rate': round(feed.rate, 1),
             'frames': feed.frames, 'broken': self.broken, 'encodings': self.encodings,
             'quiet': None if quiet is None else round(quiet, 2)}
 
@@ -106,7 +109,7 @@ class Stream:
         if future is None or number != frame.number:
             self.encodings += 1
             future = self._loop.run_in_executor(
-                self._pool, picture_or_reason, frame.message, options)
+                self._pool, picture_or_reason, frame.message, options, self._range.limits)
             future.add_done_callback(
                 lambda done: self.record(frame.number, done.result()))
             self._pictures = {key: value for key, value in self._pictures.items()
@@ -162,6 +165,8 @@ class Stream:
         """
         if isinstance(outcome, Picture):
             self.last_picture = outcome
+            if outcome.measured:
+                self._range.follow(outcome.measured, self._loop.time())
             self._error = ''
             return
         self._error = outcome

@@ -29,6 +29,7 @@ export class Tile {
   status = {};
   topic = null;
   range = null;
+  colors = ''; // of depth; '' for the first ones
   isRectified = false; // whether the tile of the rectified pictures is shown instead
   inView = false;
   refusal = '';
@@ -105,6 +106,7 @@ export class Tile {
     if (!connection.isOpen || this.refusal) return;
     const request = { subscribe: this.name, ...options };
     if (this.range) request.range = this.range;
+    if (this.colors) request.colors = this.colors;
     if (this.view.region && !request.video) request.region = this.view.region;
     const asked = wanted ? JSON.stringify(request) : '';
     if (asked === this.#asked) return;

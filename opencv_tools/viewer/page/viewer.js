@@ -234,7 +234,7 @@ function select(name, isNew = true) {
   selected = name;
   if (isNew) {
     const url = new URL(location);
-    for (const setting of ['range', 'rectified']) url.searchParams.delete(setting);
+    for (const setting of ['range', 'colors', 'rectified']) url.searchParams.delete(setting);
     if (name) url.searchParams.set('topic', name);
     else url.searchParams.delete('topic');
     history.pushState(null, '', url);
@@ -269,7 +269,10 @@ function layOut() {
   part('calibrate').hidden = !control || !selected || isRectified(selected);
   part('calibrate').href = `/calibrate?topic=${encodeURIComponent(selected)}`;
   const alone = shown();
-  if (alone !== selected) tiles.get(alone).range = tiles.get(selected).range;
+  if (alone !== selected) {
+    const { range: limits, colors } = tiles.get(selected);
+    Object.assign(tiles.get(alone), { range: limits, colors });
+  }
   part('rectified').hidden = part('rectified-key').hidden = !rectifiedOf(selected, tiles);
   part('rectified').setAttribute('aria-pressed', String(alone !== selected));
   for (const [name, tile] of tiles) {
@@ -313,7 +316,7 @@ function show() {
 
 function showPanel() {
   const tile = tiles.get(shown());
-  range.show(tile?.status.range, tile?.range);
+  range.show(tile?.status.range, tile?.range, tile?.colors, tile?.status.unit);
   tile?.look.ask();
   part('chart').hidden = !tile?.look.chart;
   controls.show(tiles.get(selected)?.topic?.nodes ?? []);
@@ -328,10 +331,11 @@ function keep(setting, text) {
   history.replaceState(null, '', url);
 }
 
-/** Use limits for the picture; null for automatic limits. */
-function setRange(limits) {
-  tiles.get(selected).range = limits;
+/** Use limits and colours for the picture; null for automatic limits, '' for the first colours. */
+function setRange(limits, colors) {
+  Object.assign(tiles.get(selected), { range: limits, colors });
   keep('range', limits?.join());
+  keep('colors', colors);
   layOut();
 }
 
@@ -445,6 +449,7 @@ setInterval(() => document.hidden || show(), REFRESH_MS);
 if (selected) {
   const tile = addTile(selected);
   tile.range = readLimits(address.searchParams.get('range'));
+  tile.colors = address.searchParams.get('colors') === 'gray' ? 'gray' : '';
   tile.isRectified = address.searchParams.get('rectified') === 'true';
 }
 layOut();
