@@ -59,6 +59,7 @@ class Channel:
         self._shown: tuple[int, NewFrame | None] = 0, None  # the frame that the page shows
         self._sent = RateMeter(self._loop.time)
         self._last: tuple[Picture, int] | None = None
+        self._last_number = 0
         self._number = 0
         self._due = 0.0
         self._timer: asyncio.TimerHandle | None = None
@@ -174,5 +175,7 @@ class Channel:
         now = self._loop.time()
         self._unanswered[self._send(frame, picture)] = (
             now, len(picture.data), frame if self.options.looks else None)
-        self._sent.add()
+        if frame.number != self._last_number:  # not again with another region
+            self._sent.add()
+        self._last_number = frame.number
         self._last = picture, self._link.quality

@@ -337,16 +337,19 @@ def test_depth_has_a_range(viewer: NodeProcess, node: Node) -> None:
     async def look() -> None:
         page = await Page.connect(address_of(viewer))
         await listed(page, '/depth')
-        await page.send(subscribe='/depth')
+        await page.send(subscribe='/depth', colors='gray')
         await camera.seen()
         camera.publish(depth, '16UC1')
         shown = (await page.picture()).pixels
         assert shown[24, 0] < 8
         assert shown[24, -1] > 247
-        assert (await page.status(lambda state: state['range']))['range'] == [1000, 3000]
-        await page.send(subscribe='/depth', range=[0, 6000])  # the same frame again
+        state = await page.status(lambda state: state['range'])
+        assert (state['range'], state['unit']) == ([depth[0, 1], depth[0, -2]], 'mm')
+        await page.send(subscribe='/depth', range=[0, 6000], colors='gray')  # the same frame again
         shown = (await page.picture()).pixels
         assert abs(int(shown[24, -1]) - 128) < 8
+        await page.send(subscribe='/depth', range=[0, 6000])
+        assert (await page.picture()).pixels.shape == (48, 64, 3)
 
     run_page(look())
 
@@ -559,7 +562,7 @@ def test_held_picture(viewer: NodeProcess, node: Node) -> None:
             pass  # the publisher keeps both images
         await page.send(unsubscribe='/front')
         await page.send(**held)  # there is no picture to hold
-        await page.read_until(until(lambda: camera.publisher.get_subscription_count() == 0))
+        await until(lambda: camera.publisher.get_subscription_count() == 0)
         assert 'no more' in (await answer_to(
             page, pixel='/front', picture=part.sequence, at=[0, 0]))['error']
 

@@ -15,6 +15,7 @@
 
 import { showChart } from './chart.js';
 
+const CROSS = 12; // pixels of an arm
 const AGAIN_MS = 200; // between two questions of a kind, while the cursor rests
 
 /** Questions about the pixels of one picture: of the cursor, of a line, of all. */
@@ -28,14 +29,17 @@ export class Look {
   #line = null;
   #asked = {}; // by kind
   #output;
+  #follows = false; // the pointer over another picture
 
   /**
    * Begin without a cursor.
    *
    * @param tile has view, picture, isVideo, context and element.
    * @param send sends a message to the server.
+   * @param onPoint called with the place of the cursor as parts of the width and the height.
    */
-  constructor(tile, send) {
+  constructor(tile, send, onPoint) {
+    this.onPoint = onPoint;
     this.#tile = tile;
     this.#send = send;
     this.#output = tile.element.querySelector('.pixel');
@@ -45,8 +49,8 @@ export class Look {
   use(event) {
     const pixel = this.#tile.view.pixel(event);
     const isGone = event.type === 'pointerleave' && event.pointerType === 'mouse';
-    this.#cursor = isGone ? null : pixel;
-    if (!this.#cursor) this.#output.textContent = '';
+    this.#point(isGone ? null : pixel, false);
+    this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
     if (event.type === 'pointerdown' && event.shiftKey) this.#setChart('profile');
     if (event.type === 'pointerdown' && this.chart === 'profile') this.#begin = pixel;
     if (this.#begin && pixel) this.#line = [this.#begin, pixel];
@@ -54,6 +58,19 @@ export class Look {
     this.#drawLine();
     this.ask();
     return Boolean(this.#begin);
+  }
+
+  /** Use a place of a cursor over another picture as if it were here. */
+  follow(place) {
+    this.#point(place?.map((one, axis) => Math.floor(one * this.#tile.view.size[axis])), true);
+    this.#drawLine();
+    this.ask();
+  }
+
+  #point(pixel, follows) {
+    this.#cursor = pixel ?? null;
+    this.#follows = follows;
+    if (!pixel) this.#output.textContent = '';
   }
 
   /** Show another chart, or none if it is shown. */
@@ -117,7 +134,11 @@ export class Look {
 
   #drawLine() {
     const ends = (this.#line ?? []).map(([x, y]) => `${x + 0.5} ${y + 0.5}`);
+    const arm = CROSS / this.#tile.view.scale;
+    const [x, y] = this.#cursor ?? [];
+    const cross = this.#follows && this.#cursor
+      ? `M${x + 0.5 - arm} ${y + 0.5}h${2 * arm}m${-arm} ${-arm}v${2 * arm}` : '';
     this.#tile.element.querySelector('.line').setAttribute(
-      'd', ends.length ? `M${ends.join('L')}` : '');
+      'd', cross + (ends.length ? `M${ends.join('L')}` : ''));
   }
 }

@@ -46,8 +46,9 @@ export class Tile {
    * Create a tile without a picture.
    *
    * @param onLook called after a zoom.
+   * @param onPoint called with a place of the cursor.
    */
-  constructor(name, connection, onLook) {
+  constructor(name, connection, onLook, onPoint) {
     this.name = name;
     this.connection = connection;
     this.element.dataset.topic = name;
@@ -57,13 +58,13 @@ export class Tile {
     this.link = this.#part('.frame');
     this.link.setAttribute('aria-label', `Show ${name}`);
     this.context = this.canvas.getContext('2d', { alpha: false });
-    this.look = new Look(this, (message) => connection.send(message));
+    this.look = new Look(this, (message) => connection.send(message), onPoint);
     this.view = new View(this.link, this.canvas, onLook, (event) => this.look.use(event));
   }
 
   /** Width that the picture can have, in pixels of the screen. */
   get width() {
-    return this.link.clientWidth * devicePixelRatio;
+    return this.view.width * devicePixelRatio;
   }
 
   /** Sequence number of the picture, for questions about it; -1 before the first one. */

@@ -21,15 +21,17 @@ const limit = (value, low, high) => Math.min(high, Math.max(low, value));
 
 /** Place of a picture in its frame: zoom and pan, by pointer, wheel, touch and keys. */
 export class View {
+  size = [0, 0]; // of the image
   #frame;
   #canvas;
   #line; // in pixels of the image
   #onChange;
   #scale = 0; // pixels of the page for a pixel of the image; 0 fits the frame
   #center = [0, 0]; // pixel of the image in the middle of the frame
-  #size = [0, 0]; // of the image
   #part = [0, 0, 0, 0]; // of the image that the canvas has: x, y, width and height
   #pointers = new Map();
+  #turns = 0; // quarters, after the flip
+  #isFlipped = false;
 
   /**
    * Listen to the pointers in a frame, unless the frame is a link.
@@ -64,18 +66,23 @@ export class View {
       onPointer(event);
     };
     for (const [name, action] of Object.entries(actions)) {
-      frame.addEventListener(name, (event) => !frame.href && this.#size[0] && action(event));
+      frame.addEventListener(name, (event) => !frame.href && this.size[0] && action(event));
     }
   }
 
-  /** Size of the frame in pixels of the page. */
+  /** Size of the frame in pixels of the page, along the axes of the image. */
   get #room() {
     const { width, height } = this.#frame.getBoundingClientRect(); // not rounded
-    return [width, height];
+    return this.#turns % 2 ? [height, width] : [width, height];
+  }
+
+  /** Width that the image can have, in pixels of the page. */
+  get width() {
+    return this.#room[0];
   }
 
   get #fitting() {
-    return Math.min(...this.#room.map((one, axis) => one / this.#size[axis]));
+    return Math.min(...this.#room.map((one, axis) => one / this.size[axis]));
   }
 
   /** Pixels of the page for a pixel of the image. */
@@ -85,20 +92,22 @@ export class View {
 
   /** Part of the image that can be seen: x, y, width and height; null for the whole image. */
   get region() {
-    const ends = this.#size.map((size, axis) => {
+    const ends = this.size.map((size, axis) => {
       const half = this.#room[axis] / this.scale / 2;
       return [Math.max(0, Math.floor(this.#center[axis] - half)),
         Math.min(size, Math.ceil(this.#center[axis] + half))];
     });
     const sides = ends.map(([low, high]) => high - low);
-    return !this.#scale || String(sides) === String(this.#size) ? null
+    return !this.#scale || String(sides) === String(this.size) ? null
       : [...ends.map(([low]) => low), ...sides];
   }
 
   /** Return the way from pixels of the image to those of the frame. */
   get matrix() {
-    const [x, y] = this.#room.map((one) => one / 2);
-    return new DOMMatrix().translate(x, y).scale(this.scale)
+    const { width, height } = this.#frame.getBoundingClientRect();
+    const { scale } = this;
+    return new DOMMatrix().translate(width / 2, height / 2).rotate(90 * this.#turns)
+      .scale(this.#isFlipped ? -scale : scale, scale)
       .translate(...this.#center.map((one) => -one));
   }
 
@@ -111,7 +120,7 @@ export class View {
   pixel(place) {
     const { x, y } = this.#toImage(place);
     const pixel = [Math.floor(x), Math.floor(y)];
-    return pixel.every((one, axis) => one >= 0 && one < this.#size[axis]) ? pixel : null;
+    return pixel.every((one, axis) => one >= 0 && one < this.size[axis]) ? pixel : null;
   }
 
   /**
@@ -157,18 +166,32 @@ export class View {
 
   /** Place a canvas that has a part of an image; an image of another size fits the frame. */
   show(part, size) {
-    if (String([part, size]) === String([this.#part, this.#size])) return;
-    if (String(size) !== String(this.#size)) this.#scale = 0;
+    if (String([part, size]) === String([this.#part, this.size])) return;
+    if (String(size) !== String(this.size)) this.#scale = 0;
     this.#part = part;
-    this.#size = size;
+    this.size = size;
     this.place();
+  }
+
+  /** Flip the image from left to right, then turn it by quarters. */
+  turn({ turns, isFlipped }) {
+    if (turns === this.#turns && isFlipped === this.#isFlipped) return;
+    this.#turns = turns;
+    this.#isFlipped = isFlipped;
+    this.place();
+  }
+
+  /** Width of the image to its height, as it is shown. */
+  get ratio() {
+    const [width, height] = this.#turns % 2 ? this.size.toReversed() : this.size;
+    return width / height;
   }
 
   /** Place the canvas again, because the frame has another size. */
   place() {
     const [x, y, width, height] = this.#part;
     if (!width || !this.#room[0]) return;
-    this.#center = this.#size.map((size, axis) => {
+    this.#center = this.size.map((size, axis) => {
       const half = this.#room[axis] / this.scale / 2;
       return 2 * half >= size ? size / 2 : limit(this.#center[axis], half, size - half);
     });

@@ -12,6 +12,7 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { Arrangement } from './arrangement.js';
 import { copyText } from './clipboard.js';
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
@@ -37,6 +38,7 @@ const address = new URL(location);
 address.searchParams.delete('token');
 history.replaceState(null, '', address);
 
+const arrangement = new Arrangement();
 const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
 let selected = address.searchParams.get('topic') ?? '';
@@ -59,6 +61,7 @@ const codecs = Object.keys(fixed).length ? [] : await decodedCodecs();
 const connection = new Connection({
   connected(hello) {
     ({ host, token, widths, video, control } = hello);
+    part('plain-link').hidden = !token;
     if (codecs.length) connection.send({ codecs });
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
@@ -163,10 +166,12 @@ function takesVideo(tile) {
 }
 
 function addTile(name) {
-  const tile = new Tile(name, connection, askSoon);
+  const tile = new Tile(name, connection, askSoon, (place) => {
+    for (const other of shownTiles()) if (other !== tile) other.look.follow(place);
+  });
   tiles.set(name, tile);
   tile.element.querySelector('.look').addEventListener('click',
-    ({ target }) => look(target.closest('button')?.dataset.look));
+    ({ target }) => look(target.closest('button')?.dataset.look, tile));
   tile.link.addEventListener('click', (event) => {
     if (event.ctrlKey || event.metaKey || event.shiftKey) return;
     event.preventDefault();
@@ -198,11 +203,7 @@ function listTopics(topics) {
     tile.topic = topic;
     numbers.set(topic.id, tile);
   }
-  names.sort().forEach((name, place) => {
-    const { element } = tiles.get(name) ?? addTile(name);
-    const present = cameras.children[place];
-    if (present !== element) cameras.insertBefore(element, present);
-  });
+  for (const name of names) if (!tiles.has(name)) addTile(name);
   layOut();
 }
 
@@ -216,11 +217,11 @@ function countMore(count) {
 
 /** Ask for the pictures that somebody sees. */
 function ask() {
-  const alone = shown();
+  const [alone, other] = [shown(), beside()];
   for (const tile of tiles.values()) {
     const width = widths.find((step) => step >= tile.width) ?? 0;
     const options = takesVideo(tile) ? { width, video: true } : { width, ...fixed };
-    const looks = tile.name === alone;
+    const looks = Boolean(alone) && [alone, other].includes(tile.name);
     if (looks) options.looks = true;
     const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
     if (held) options.held = true;
@@ -240,13 +241,14 @@ function select(name, isNew = true) {
     history.pushState(null, '', url);
   }
   // A tile without a topic is there only while it is selected.
+  arrangement.keep();
   listTopics([...tiles.values()].map((tile) => tile.topic).filter(Boolean));
   scrollTo(0, 0);
   if (!name) tiles.get(last)?.link.focus();
 }
 
 function step(distance) {
-  const names = [...tiles.keys()].sort();
+  const names = arrangement.list([...tiles.keys()]);
   const place = names.indexOf(selected);
   if (names.length) select(names[(place + distance + names.length) % names.length]);
 }
@@ -254,6 +256,59 @@ function step(distance) {
 /** Return the topic that is shown alone, which may be the rectified one; '' for all topics. */
 function shown() {
   return (tiles.get(selected)?.isRectified && rectifiedOf(selected, tiles)) || selected;
+}
+
+/** Return the topic beside that which is shown alone; '' for none. */
+function beside() {
+  const name = selected && arrangement.get('beside');
+  return tiles.has(name) && name !== shown() ? name : '';
+}
+
+function shownTiles() {
+  return [...tiles.values()].filter((tile) => !tile.element.hidden);
+}
+
+/** Show the tiles in the order and as somebody has arranged them. */
+function arrangeTiles() {
+  const names = [...tiles.keys()];
+  const listed = arrangement.list(names);
+  const alone = shown() ? [shown(), beside()] : null;
+  [...new Set([...alone ?? [], ...listed].filter(Boolean))].forEach((name, place) => {
+    const { element } = tiles.get(name);
+    if (cameras.children[place] !== element) cameras.insertBefore(element, cameras.children[place]);
+  });
+  for (const [name, tile] of tiles) {
+    tile.element.hidden = !(alone ?? listed).includes(name);
+    tile.view.turn(arrangement.turned(name));
+    tile.element.querySelector('[data-arrange=pin]').setAttribute(
+      'aria-pressed', String(arrangement.has('pin', name)));
+  }
+  document.body.toggleAttribute('data-beside', beside() !== '');
+  const hidden = names.filter((name) => arrangement.has('hide', name)).length;
+  part('unhide').hidden = !hidden;
+  part('unhide').textContent = `Show ${hidden} hidden`;
+  part('search').hidden = part('size').hidden = part('beside').hidden = names.length < 2;
+  const others = ['', ...names.sort().filter((name) => name !== shown())];
+  const isNew = others.join() !== [...part('beside').options].map((one) => one.value).join();
+  if (isNew) {
+    part('beside').replaceChildren(
+      ...others.map((name) => new Option(name || 'Beside: none', name)));
+  }
+  part('beside').value = beside();
+  part('size').value = arrangement.get('size');
+  if (part('search') !== document.activeElement) part('search').value = arrangement.get('search');
+}
+
+function arrangeBy(name, value) {
+  arrangement.set(name, value);
+  layOut();
+}
+
+/** Pin or hide a topic, or pin it before another one. */
+function rearrange(name, topic, before) {
+  if (!tiles.has(topic) || topic === before) return;
+  arrangement.toggle(name, topic, before);
+  layOut();
 }
 
 /** Show one topic or all, as somebody has chosen. */
@@ -275,10 +330,10 @@ function layOut() {
   }
   part('rectified').hidden = part('rectified-key').hidden = !rectifiedOf(selected, tiles);
   part('rectified').setAttribute('aria-pressed', String(alone !== selected));
+  arrangeTiles();
   for (const [name, tile] of tiles) {
     const url = new URL(location);
     url.searchParams.set('topic', name);
-    tile.element.hidden = Boolean(alone) && name !== alone;
     if (selected) tile.link.removeAttribute('href');
     else tile.link.href = url;
   }
@@ -301,16 +356,14 @@ function show() {
   part('state').dataset.state = present;
   if (part('state').textContent !== words[present]) part('state').textContent = words[present];
   part('empty').hidden = tiles.size > 0 || robot.isShown || mood !== 'live';
-  const ratios = [];
-  for (const tile of tiles.values()) {
-    tile.show(present);
-    if (tile.status.width) ratios.push(tile.status.width / tile.status.height);
-  }
+  for (const tile of tiles.values()) tile.show(present);
+  const ratios = shownTiles().map((tile) => tile.view.ratio).filter(Boolean);
   ratios.sort((one, other) => one - other);
   const one = tiles.get(shown());
   showPanel();
-  arrange(tiles.size + robot.isShown, one?.status.width
-    ? one.status.width / one.status.height : ratios[ratios.length >> 1] ?? 16 / 9, one);
+  arrange(shownTiles().length + (!selected && robot.isShown),
+    one?.view.ratio || (ratios[ratios.length >> 1] ?? 16 / 9), one,
+    Number(arrangement.get('size')) || 0);
   ask();
 }
 
@@ -362,11 +415,11 @@ async function save(name) {
   }
 }
 
-/** Copy the address of the page with the token, which the address bar does not show. */
-function copyLink() {
+/** Copy the address of the page, with the token, which the address bar does not show. */
+function copyLink(hasToken) {
   const url = new URL(location);
-  if (token) url.searchParams.set('token', token);
-  const done = token ? 'Copied the link with its token' : 'Copied the link';
+  if (hasToken) url.searchParams.set('token', token);
+  const done = hasToken ? 'Copied the link with its token' : 'Copied the link';
   notify(copyText(url.href) ? done : `Copy this link: ${url}`);
 }
 
@@ -383,19 +436,20 @@ const LOOKS = {
   one: ({ view }) => view.zoom(1 / devicePixelRatio),
   profile: (tile) => tile.look.toggle('profile'),
   histogram: (tile) => tile.look.toggle('histogram'),
+  turn: (tile) => arrangement.turn(tile.name),
+  flip: (tile) => arrangement.turn(tile.name, true),
 };
 
 /** Look into the picture in another way. */
-function look(name) {
-  const tile = tiles.get(shown());
+function look(name, tile = tiles.get(shown())) {
   if (!tile || tile.canvas.hidden) return;
   LOOKS[name]?.(tile);
-  show();
+  layOut();
 }
 
 /** Move the focus in the grid. */
 function moveFocus(distance) {
-  const links = [...cameras.querySelectorAll('.frame')];
+  const links = [...cameras.querySelectorAll('.tile:not([hidden]) .frame')];
   const place = links.indexOf(document.activeElement);
   links[place < 0 ? 0 : Math.min(links.length - 1, Math.max(0, place + distance))]?.focus();
 }
@@ -412,6 +466,8 @@ const ALL_KEYS = {
   ArrowRight: () => moveFocus(1),
   ArrowUp: () => moveFocus(-across()),
   ArrowDown: () => moveFocus(across()),
+  p: () => rearrange('pin', focused()),
+  h: () => rearrange('hide', focused()),
 };
 const ONE_KEYS = {
   ...EACH_KEYS,
@@ -426,6 +482,8 @@ const ONE_KEYS = {
   1: () => look('one'),
   h: () => look('histogram'),
   l: () => look('profile'),
+  t: () => look('turn'),
+  m: () => look('flip'),
 };
 listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
 document.addEventListener('visibilitychange', ask);
@@ -436,13 +494,33 @@ part('back').addEventListener('click', (event) => {
   event.preventDefault();
   select('');
 });
-part('previous').addEventListener('click', () => step(-1));
-part('next').addEventListener('click', () => step(1));
-part('pause').addEventListener('click', pause);
-part('save').addEventListener('click', () => save(shown()));
-part('rectified').addEventListener('click', rectify);
-part('full').addEventListener('click', fillScreen);
-part('link').addEventListener('click', copyLink);
+const BUTTONS = {
+  previous: () => step(-1),
+  next: () => step(1),
+  pause,
+  save: () => save(shown()),
+  rectified: rectify,
+  full: fillScreen,
+  link: () => copyLink(Boolean(token)),
+  'plain-link': () => copyLink(false),
+  unhide: () => arrangeBy('hide', ''),
+};
+for (const [id, action] of Object.entries(BUTTONS)) part(id).addEventListener('click', action);
+for (const name of ['search', 'size', 'beside']) {
+  part(name).addEventListener('input', ({ target }) => arrangeBy(name, target.value));
+}
+const topicOf = (element) => element.closest('.tile')?.dataset.topic;
+cameras.addEventListener('click', ({ target }) => {
+  const { arrange: name } = target.closest('button')?.dataset ?? {};
+  if (name) rearrange(name, topicOf(target));
+});
+cameras.addEventListener('dragstart',
+  ({ target, dataTransfer }) => dataTransfer.setData('text/plain', topicOf(target)));
+cameras.addEventListener('dragover', (event) => event.preventDefault());
+cameras.addEventListener('drop', (event) => {
+  event.preventDefault();
+  rearrange('pin', event.dataTransfer.getData('text/plain'), topicOf(event.target));
+});
 part('full').hidden = !document.fullscreenEnabled;
 setInterval(() => document.hidden || show(), REFRESH_MS);
 

@@ -283,6 +283,7 @@ def test_held_picture_gets_other_regions_but_no_other_frame() -> None:
         page.channel.answered(2)
         await settled()
         assert [frame.number for frame, _ in page.pictures] == [1, 1]
+        assert page.channel.status()['sent']['rate'] == 0  # no frame came twice
 
     run(work)
 
