@@ -32,6 +32,9 @@ from opencv_tools.viewer.pixels import Pixels, read_pixels
 _P = ParamSpec('_P')
 _T = TypeVar('_T')
 
+# Pictures of a frame that are kept for other pages; a page may request any region.
+_MAX_PICTURES = 16
+
 
 class Stream:
     """
@@ -112,8 +115,9 @@ class Stream:
                 self._pool, picture_or_reason, frame.message, options, self._range.limits)
             future.add_done_callback(
                 lambda done: self.record(frame.number, done.result()))
-            self._pictures = {key: value for key, value in self._pictures.items()
-                              if value[0] == frame.number}
+            kept = [(key, value) for key, value in self._pictures.items()
+                    if value[0] == frame.number]
+            self._pictures = dict(kept[-_MAX_PICTURES:])
             self._pictures[options] = frame.number, future
         return future
 

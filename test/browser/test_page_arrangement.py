@@ -25,7 +25,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from test_page_layout import check_all
-from test_page_look import drag, move, VALUE
+from test_page_look import move, VALUE
 
 pytest_plugins = ['pages']
 
@@ -62,6 +62,14 @@ def press_button(page: Page, topic: str, name: str) -> None:
     page.evaluate(f'tileOf({topic!r}).querySelector("[data-arrange={name}]").click()')
 
 
+def drop(page: Page, topic: str, script: str) -> None:
+    """Drop what a script has dragged onto a tile."""
+    page.evaluate('(() => { const dataTransfer = new DataTransfer(); '
+                  'const options = { bubbles: true, cancelable: true, dataTransfer }; '
+                  f'{script} tileOf({topic!r}).dispatchEvent('
+                  'new DragEvent("drop", options)); })()')
+
+
 def test_pins_and_hidden_topics_are_kept(page: Page, viewer: Viewer) -> None:
     press_button(page, '/c', 'pin')
     assert page.evaluate(TILES) == '/c,/a,/b,/d'
@@ -89,19 +97,10 @@ def test_pins_and_hidden_topics_are_kept(page: Page, viewer: Viewer) -> None:
 def test_order_by_dragging(page: Page) -> None:
     press_button(page, '/c', 'pin')
     for topic, before in (('/d', '/c'), ('/b', '/c')):
-        page.evaluate(f'''(() => {{
-          const data = new DataTransfer();
-          const fire = (type, topic) => tileOf(topic).querySelector('.head').dispatchEvent(
-            new DragEvent(type, {{ bubbles: true, cancelable: true, dataTransfer: data }}));
-          fire('dragstart', {topic!r});
-          fire('drop', {before!r});
-        }})()''')
+        drop(page, before, f'tileOf({topic!r}).querySelector(".head").dispatchEvent('
+                           'new DragEvent("dragstart", options));')
     assert page.evaluate(TILES) == '/d,/b,/c,/a'
-    page.evaluate(f'''(() => {{
-      const data = new DataTransfer();
-      data.setData('text/plain', {HOSTILE!r});
-      tileOf('/a').dispatchEvent(new DragEvent('drop', {{ bubbles: true, dataTransfer: data }}));
-    }})()''')
+    drop(page, '/a', f'dataTransfer.setData("text/plain", {json.dumps(HOSTILE)});')
     assert page.evaluate(TILES) == '/d,/b,/c,/a'
 
 
@@ -133,8 +132,8 @@ def test_many_topics_and_the_visible_ones(
     page.wait_for(f'{TILES}.split(",").length === 120')
     write(page, 'size', '800')
     asked = ('[...new Set(sent.filter((one) => one.subscribe).map((one) => one.subscribe))]'
-             '.filter((name) => sent.findLast((one) => (one.subscribe ?? one.unsubscribe) === name)'
-             '.subscribe)')
+             '.filter((name) => sent.findLast('
+             '(one) => (one.subscribe ?? one.unsubscribe) === name).subscribe)')
     page.wait_for(f'{asked}.length > 0 && {asked}.length <= 6')
     write(page, 'search', '_11')
     page.wait_for(f'{TILES}.split(",").length === 10')
@@ -186,7 +185,8 @@ def test_two_topics_with_one_cursor(viewer: Viewer, browser: Browser, camera: No
     for name, image in (('/front', front), ('/rear', rear)):
         text = ', '.join(f'{channel} {value}'
                          for channel, value in zip('BGR', image[100, 320], strict=True))
-        page.wait_for(f'tileOf({name!r}).querySelector(".pixel").textContent === "320, 100: {text}"')
+        shown = f'tileOf({name!r}).querySelector(".pixel").textContent'
+        page.wait_for(f'{shown} === "320, 100: {text}"')
     assert page.evaluate('tileOf("/rear").querySelector(".line").getAttribute("d")') != ''
     check_all(page)
     assert page.evaluate('new URL(location).searchParams.get("beside")') == '/rear'

@@ -301,3 +301,20 @@ def test_another_region_keeps_the_quality_of_a_slow_link() -> None:
         assert page.channel._link is link
 
     run(work)
+
+
+def test_few_regions_of_a_frame_are_kept() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        stream.feed.put(ReceivedMessage(image(), 0))
+        frame = stream.feed.newest
+        assert frame
+        pictures = []
+        for x in range(0, 100, 2):
+            region = Region(x=x, y=0, width=64, height=64)
+            pictures.append(weakref.ref(await stream.picture(
+                frame, PictureOptions(64, 80, region=region))))
+        await settled()
+        gc.collect()
+        assert 2 < sum(picture() is not None for picture in pictures) < 20
+
+    run(work)
