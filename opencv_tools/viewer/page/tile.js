@@ -45,7 +45,7 @@ export class Tile {
   /**
    * Create a tile without a picture.
    *
-   * @param onLook called after a zoom.
+   * @param onLook called after a zoom; undefined for a picture that nobody looks into.
    * @param onPoint called with a place of the cursor.
    */
   constructor(name, connection, onLook, onPoint) {
@@ -58,8 +58,10 @@ export class Tile {
     this.link = this.#part('.frame');
     this.link.setAttribute('aria-label', `Show ${name}`);
     this.context = this.canvas.getContext('2d', { alpha: false });
+    this.view = new View(this.link, this.canvas);
+    if (!onLook) return;
     this.look = new Look(this, (message) => connection.send(message), onPoint);
-    this.view = new View(this.link, this.canvas, onLook, (event) => this.look.use(event));
+    this.view.listen(onLook, (event) => this.look.use(event));
   }
 
   /** Width that the picture can have, in pixels of the screen. */
@@ -85,7 +87,7 @@ export class Tile {
   reset() {
     this.#asked = '';
     this.#drawn.sequence = -1;
-    this.look.reset();
+    this.look?.reset();
     this.refusal = '';
     this.refusesVideo = false;
     this.#endVideo(false);
@@ -153,7 +155,7 @@ export class Tile {
       // A broken picture is left out; the next one may be good.
     }
     this.connection.send({ got: sequence });
-    this.look.ask();
+    this.look?.ask();
   }
 
   /** Draw a picture of a part of an image, unless a newer one is shown. */

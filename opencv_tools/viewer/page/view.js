@@ -25,7 +25,7 @@ export class View {
   #frame;
   #canvas;
   #line; // in pixels of the image
-  #onChange;
+  #onChange = () => {};
   #scale = 0; // pixels of the page for a pixel of the image; 0 fits the frame
   #center = [0, 0]; // pixel of the image in the middle of the frame
   #part = [0, 0, 0, 0]; // of the image that the canvas has: x, y, width and height
@@ -33,16 +33,22 @@ export class View {
   #turns = 0; // quarters, after the flip
   #isFlipped = false;
 
+  /** Place a picture, and place it again when its frame has another size. */
+  constructor(frame, canvas) {
+    this.#frame = frame;
+    this.#canvas = canvas;
+    this.#line = frame.querySelector('.line');
+    new ResizeObserver(() => this.place()).observe(frame);
+  }
+
   /**
-   * Listen to the pointers in a frame, unless the frame is a link.
+   * Listen to the pointers in the frame, unless the frame is a link.
    *
    * @param onChange called after a zoom.
    * @param onPointer called with an event of a pointer; returns whether it has another meaning.
    */
-  constructor(frame, canvas, onChange, onPointer) {
-    this.#frame = frame;
-    this.#canvas = canvas;
-    this.#line = frame.querySelector('.line');
+  listen(onChange, onPointer) {
+    const frame = this.#frame;
     this.#onChange = onChange;
     const actions = {
       wheel: (event) => {
@@ -198,7 +204,7 @@ export class View {
     this.#canvas.style.width = `${width}px`;
     this.#canvas.style.height = `${height}px`;
     this.#canvas.style.transform = this.matrix.translate(x, y);
-    this.#line.setAttribute('transform', this.matrix);
+    this.#line?.setAttribute('transform', this.matrix);
     this.#canvas.classList.toggle('enlarged', this.scale * devicePixelRatio > ENLARGED);
     this.#frame.classList.toggle('zoomed', Boolean(this.#scale));
   }

@@ -115,12 +115,7 @@ const inView = new IntersectionObserver((entries) => {
   ask();
 }, { rootMargin: '100px' });
 let settle = 0;
-const sizes = new ResizeObserver((entries) => {
-  for (const { target } of entries) {
-    tiles.get(target.closest('.tile').dataset.topic)?.view.place();
-  }
-  askSoon();
-});
+const sizes = new ResizeObserver(askSoon);
 
 /** Ask for other pictures, but not with each step of a movement. */
 function askSoon() {
