@@ -164,7 +164,8 @@ def test_turned_and_flipped_picture(viewer: Viewer, browser: Browser, camera: No
     page.press('+')
     page.wait_for('sent.at(-1).region || sent.some((one) => one.region)')
     page.go(page.evaluate('location.href'))
-    page.wait_for('tileOf("/front").querySelector("canvas").style.transform.startsWith("matrix(-")')
+    page.wait_for('tileOf("/front").querySelector("canvas").style.transform'
+                  '.startsWith("matrix(-")')
     assert page.complaints() == []
 
 
