@@ -8,6 +8,8 @@
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
 # make test-interop  check robots with the parsers of Gazebo and ROS, video with FFmpeg; needs Debian
+# make test-ray      convert bags on a Ray cluster whose processes are killed
+# make test-lerobot  read data sets with LeRobot; installs 1.5 GB
 # make test-arm64    compare the parts without ROS on arm64 and here, with QEMU; needs Debian
 # make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md
@@ -27,7 +29,7 @@
 SHELL := bash
 .DELETE_ON_ERROR:
 .PHONY: demo test unit test-oldest test-kilted test-stress test-browser test-camera test-network \
-  test-interop test-arm64 test-docs bench docs soak clean
+  test-interop test-ray test-lerobot test-arm64 test-docs bench docs soak clean
 
 PYTHON ?= python3
 
@@ -180,6 +182,14 @@ test-kilted: IGNORED = package unit/bags unit/capture unit/convert unit/image un
 test-kilted: .venv-kilted/dev
 	$(call colcon_test,$(call in_venv,.venv-kilted),.venv-kilted/)
 
+# Ray starts its processes with this path as well.
+test-ray: .venv-ray/ready
+	@$(call in_venv,.venv) PYTHONPATH='$(CURDIR):$(CURDIR)/.venv-ray' OPENCV_TOOLS_RAY=1 \
+	  python -m pytest --quiet test/on_ray
+
+test-lerobot: .venv/dev .venv-lerobot/ready
+	@$(call in_venv,.venv) python test/in_lerobot/run.py .venv-lerobot/bin/python
+
 test-arm64: .venv/dev
 	@$(call in_venv,.venv) python test/arm64/run.py
 
@@ -236,6 +246,22 @@ endef
 	  --requirement requirements/alone.txt)
 	@touch $@
 
+# A folder beside the packages of .venv: its Python runs both.
+.venv-ray/ready: requirements/ray.txt requirements/constraints.txt | .venv/dev
+	@echo 'Installing Ray into .venv-ray: 90 MB to download, 0.3 GB on the disk, half a minute'
+	@rm -rf .venv-ray
+	$(call pip_install,.venv,--target .venv-ray --constraint requirements/constraints.txt \
+	  --requirement requirements/ray.txt)
+	@touch $@
+
+# LeRobot needs other versions of the same libraries.
+.venv-lerobot/ready: requirements/lerobot.txt requirements/lerobot-alone.txt
+	@echo 'Installing LeRobot and torch into .venv-lerobot: 1.5 GB on the disk, three minutes'
+	@$(PYTHON) -m venv --clear .venv-lerobot
+	$(call pip_install,.venv-lerobot,--requirement requirements/lerobot.txt)
+	$(call pip_install,.venv-lerobot,--quiet --no-deps --requirement requirements/lerobot-alone.txt)
+	@touch $@
+
 %/docs: %/ready requirements/docs.txt | %/installed
 	@echo 'Installing Sphinx into $*: 20 MB to download, 0.1 GB on the disk, less than a minute'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
@@ -243,5 +269,5 @@ endef
 	@touch $@
 
 clean:
-	rm -rf .venv .venv-oldest .venv-kilted .camera build install log demo *.egg-info .hypothesis .mypy_cache \
-	  .pytest_cache .ruff_cache benchmarks.md
+	rm -rf .venv .venv-oldest .venv-kilted .venv-ray .venv-lerobot .camera build install log demo *.egg-info \
+	  .hypothesis .mypy_cache .pytest_cache .ruff_cache benchmarks.md

@@ -22,6 +22,7 @@ import errno
 import fcntl
 import os
 from pathlib import Path
+import re
 import stat
 from typing import Any, BinaryIO
 
@@ -68,6 +69,12 @@ def check_kind(path: Path, mode: int) -> None:
         raise RefusedFileError(path, os.strerror(errno.EISDIR), errno.EISDIR)
     if kind:
         raise RefusedFileError(path, f'{path.name} is {kind}, not a regular file')
+
+
+def natural_order(path: Path) -> list[tuple[bool, int, str]]:
+    """Return a sort key that orders ``frame2`` before ``frame10``."""
+    parts = re.split(r'([0-9]+)', path.name)
+    return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 def user_path(text: str) -> Path:

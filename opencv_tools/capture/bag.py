@@ -17,21 +17,21 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
-from contextlib import closing, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.bags.bag import Bag
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
-from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, CDR, Damage
+from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.capture.bag_video import BagVideo
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
 from opencv_tools.capture.frame import CapturedFrame, JPEG, MAX_RATE, Recorded
-from opencv_tools.capture.image_files import natural_order
 from opencv_tools.image.cdr import cdr_to_image, IMAGE, WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
@@ -65,19 +65,16 @@ class BagSource:
         :raises CaptureError: the bag cannot be read, or the topic cannot be selected.
         """
         self.name = printable(path, MAX_PATH)
-        #: Sentences about parts of the bag that are missing.
-        self.warnings: list[str] = []
-        self._reader: BagReader | None = None
         self._play = 0
         try:
-            found = BagFiles([*files]) if files else bag_files(path)
-            #: Files of the bag, in their order.
-            self.paths = found.paths if found.are_ordered else sorted(
-                found.paths, key=natural_order)
-            self.warnings += [found.warning] if found.warning else []
-            counts = self._read_topics()
+            self._bag = Bag(path, files)
         except (BagError, OSError) as err:
             raise _error(self.name, err) from err
+        counts = self._bag.topics
+        #: Files of the bag, in their order.
+        self.paths = self._bag.paths
+        #: Sentences about parts of the bag that are missing.
+        self.warnings = self._bag.warnings
         #: Topic of the images.
         self.topic = _select(self.name, topic, counts)
         #: Number of messages of each topic of the bag.
@@ -87,13 +84,13 @@ class BagSource:
         info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
         self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]
-        seconds = (self._last_ns - self._first_ns) / NANO
+        seconds = (self._bag.last_ns - self._bag.first_ns) / NANO
         rate = (self.count - 1) / seconds if seconds > 0 else 0.0
         self.rate = rate if 0 < rate <= MAX_RATE else 0.0
         self.description = (
             f'{self.count} frames of {printable(self.topic.name)} ({self.topic.type_name}) at '
             f'{self.rate:.3g} Hz')
-        self._messages = self._all_messages()
+        self._messages = self._bag.messages(self._wanted)
         self._next: deque[BagMessage | Damage] = deque()
         self._skipped_damage: list[BrokenFrameError] = []
         self._last_info: Any = None
@@ -127,16 +124,14 @@ class BagSource:
     def rewind(self) -> None:
         self.close()
         self._play += 1
-        self._messages = self._all_messages()
+        self._messages = self._bag.messages(self._wanted)
         self._next.clear()
         self._skipped_damage.clear()
         self.video.restart()
         self._last_info = None
 
     def close(self) -> None:
-        if self._reader is not None:
-            self._reader.close()
-            self._reader = None
+        self._bag.close()
 
     def _next_image(self) -> BagMessage | None:
         """
@@ -186,40 +181,36 @@ class BagSource:
 
     def _frame(self, message: BagMessage, serialized: Any, camera_info: Any) -> CapturedFrame:
         """Return the frame of a message, as a view of its data; video is decoded."""
-        wire: WireMessage | WireVideo
-        if self.topic.type_name == IMAGE:
-            wire = cdr_to_image(serialized)
-            image = view_pixels(wire.data, wire.height, wire.width, wire.step,
-                                find_encoding(wire.encoding), wire.is_bigendian)
-            encoding = wire.encoding
-        elif isinstance(wire := self.video.read(serialized), WireVideo):
-            image, encoding = self.video.picture(wire, message.number)
-        else:
-            image, encoding = np.frombuffer(wire.data, np.uint8), JPEG
+        wire, image, encoding = read_picture(
+            self.topic.type_name, serialized, self.video, message.number)
         return CapturedFrame(
-            image, encoding, position=(message.log_ns - self._first_ns) / NANO,
+            image, encoding, position=(message.log_ns - self._bag.first_ns) / NANO,
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
                               play=self._play, publish_ns=message.publish_ns,
                               number=message.number, camera_info=camera_info))
 
-    def _all_messages(self) -> Iterator[BagMessage | Damage]:
-        """Yield the messages of all files."""
-        for path in self.paths:
-            self._reader = open_bag_file(path)
-            yield from self._reader.messages(self._wanted)
-            self.close()
 
-    def _read_topics(self) -> Counter[BagTopic]:
-        """Return the number of messages of each topic in all files."""
-        counts: Counter[BagTopic] = Counter()
-        times: list[int] = []
-        for path in self.paths:
-            with closing(open_bag_file(path)) as reader:
-                counts.update(reader.topics)
-                self.warnings += [reader.warning] if reader.warning else []
-                times += [reader.first_ns, reader.last_ns] if any(reader.topics.values()) else []
-        self._first_ns, self._last_ns = min(times, default=0), max(times, default=0)
-        return counts
+def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,
+                 ) -> tuple[WireMessage | WireVideo, NDArray[Any], str]:
+    """
+    Read a message with an image or with video.
+
+    :param type_name: type of the message.
+    :param serialized: buffer of CDR.
+    :param video: decoder of the topic.
+    :param number: number of the message from its publisher; 0 if unknown.
+    :returns: the message, its image and its encoding as in ``CapturedFrame``; a view of the buffer
+        unless video is decoded.
+    :raises ImageError: the message cannot be read.
+    """
+    if type_name == IMAGE:
+        raw = cdr_to_image(serialized)
+        return raw, view_pixels(raw.data, raw.height, raw.width, raw.step,
+                                find_encoding(raw.encoding), raw.is_bigendian), raw.encoding
+    wire = video.read(serialized)
+    if isinstance(wire, WireVideo):
+        return wire, *video.picture(wire, number)
+    return wire, np.frombuffer(wire.data, np.uint8), JPEG
 
 
 def _select(bag: str, name: str, counts: Counter[BagTopic]) -> BagTopic:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-import re
 from typing import Literal
 
 import numpy as np
@@ -36,12 +35,6 @@ IMAGE_SUFFIXES = frozenset((
     '.pgm', '.ppm', '.pnm', '.pxm', '.exr', '.hdr', '.pic', '.sr', '.ras'))
 
 _FILE_BYTES = 1 << 30
-
-
-def natural_order(path: Path) -> list[tuple[bool, int, str]]:
-    """Return a sort key that orders ``frame2`` before ``frame10``."""
-    parts = re.split(r'([0-9]+)', path.name)
-    return [(not part.isdecimal(), int(part) if part.isdecimal() else 0, part) for part in parts]
 
 
 class ImageFileSource:

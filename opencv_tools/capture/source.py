@@ -30,7 +30,7 @@ from opencv_tools.capture.av_stream import open_stream, STREAM_SCHEMES
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
-from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource, natural_order
+from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.stream import OpenCvStream, StreamSource
@@ -38,7 +38,7 @@ from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import frame_count, open_video, VideoSource
 from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import describe_kind, user_path
+from opencv_tools.regular_files import describe_kind, natural_order, user_path
 
 # Similarity to the word ``pattern`` from which a name counts as a typing error, 0.0 to 1.0.
 _CLOSE = 0.8

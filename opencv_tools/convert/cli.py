@@ -24,6 +24,7 @@ import argparse
 from collections.abc import Sequence
 import sys
 
+from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.version import add_version_option
@@ -40,8 +41,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     :returns: 0 on success, 1 if a frame or file failed or after an interrupt, 2 for invalid
         arguments.
     """
-    parser = _parser()
-    options = parser.parse_args(argv)
+    arguments = sys.argv[1:] if argv is None else argv
+    if is_for_datasets(arguments):
+        return convert_to_dataset(arguments)
+    options = _parser().parse_args(arguments)
     open_standard_streams()
     from opencv_tools.convert.convert import convert, Request
     try:
@@ -65,6 +68,7 @@ examples:
   img_convert drive.mcap 'out/{stamp}.png' --topic /camera/image_raw
   img_convert clip.mp4 clip.mcap
   img_convert 'frames/*.png' clip.mp4 --lossy
+  img_convert --format lerobot --help   for data sets for training
 
 exit status:
   0  success

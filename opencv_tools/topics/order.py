@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import auto, Enum
 import time
 from typing import NamedTuple
 
 from opencv_tools.image.errors import CdrError
+from opencv_tools.topics.only_shared import OnlyShared
 
 # A publisher that is discovered later than this after the subscription counts as new.
 _DISCOVERY_SECONDS = 2.0
@@ -63,8 +64,8 @@ class _FirstFrame:
     """
     The first frame of a publisher that arrived; earlier frames may have been lost.
 
-    :param number: its number, as far as it is known.
-    :param message: number of its message, if it came by the image topic; otherwise 0.
+    :param number: its number; 0 if it came by the image topic.
+    :param message: number of its message, or of the last message before it.
     """
 
     number: int
@@ -83,45 +84,34 @@ class _Publisher:
         self._first: _FirstFrame | None = None
         self._period: float | None = None  # in seconds, from the first frames
         self._message = self._number = 0  # of the last frame
-        self._offset = 0  # frames that were only shared, until the last frame
-        self._before: int | None = None  # frames that were only shared before the first one
-        self._is_numbered = False  # the number of the first frame was learned
+        self._only_shared = OnlyShared()
         self._arrived = 0
 
     @property
     def last(self) -> int:
         """Return the number of the last frame."""
-        return max(self._number, self._message + self._offset)
+        return max(self._number, self._message + self._only_shared.count)
 
     @property
     def lost(self) -> int:
         """Return the number of frames that were published, but neither arrived nor will arrive."""
         if self._first is None:
             return 0
-        begin = self._first.number - 1 if self.is_partial else 0
+        begin = self._first_number - 1 if self.is_partial else 0
         return max(0, self.last - begin - self._arrived)
 
     @property
     def is_partial(self) -> bool:
         """Return whether the frames before the first one that arrived are not counted."""
-        if self._first is None or self._first.number == 1:
+        if self._first is None or self._first_number == 1:
             return False
         if self._since is None or self._period is None:
             return True
-        return self._first.arrived - (self._first.number - 1) * self._period < self._since
+        return self._first.arrived - (self._first_number - 1) * self._period < self._since
 
     def learn(self, messages: int, number: int) -> None:
         """Record that a number of messages are among the first frames."""
-        only_shared = max(0, number - messages)
-        self._offset = max(self._offset, only_shared)
-        if self._first is None:
-            self._before = self._offset
-        elif messages < self._first.message:  # the last such announcement has all of them
-            self._before = max(self._before or 0, only_shared)
-            self._first = replace(self._first, number=self._first.message + self._before)
-        elif self._first.message and self._before is None and not self._is_numbered:
-            self._is_numbered = True
-            self._first = replace(self._first, number=self._first.message + only_shared)
+        self._only_shared.learn(messages, number)
 
     def is_early(self, position: Position) -> bool:
         """Return whether messages are missing before a shared frame."""
@@ -135,6 +125,8 @@ class _Publisher:
             return False
         is_new = self._is_after_last(position)
         if is_shared:
+            if position.is_message:
+                self.learn(position.message - 1, position.number - 1)
             self.learn(position.message, position.number)
             if self.way is Way.JOINING and not self._joins(position, is_new):
                 return False
@@ -146,14 +138,23 @@ class _Publisher:
             self._message = position.message
             self._number = max(self._number, position.number)
             self._arrived += 1
-            self._measure(0 if is_shared else position.message, publish_ns, now)
+            self._only_shared.advance(position.message, position.number)
+            self._measure(position, publish_ns, now)
         return is_new
 
-    def _measure(self, message: int, publish_ns: int, now: float) -> None:
+    @property
+    def _first_number(self) -> int:
+        """Return the number of the first frame that arrived, as far as it is known."""
+        if self._first is None:
+            return 0
+        return self._first.number or self._first.message + self._only_shared.before_first
+
+    def _measure(self, position: Position, publish_ns: int, now: float) -> None:
         """Remember the first frame, and the period until the next one."""
         if self._first is None:
-            self._first = _FirstFrame(self.last, message, publish_ns, now)
-        elif 0 < (steps := self.last - self._first.number) <= _MEASURED_STEPS:
+            self._first = _FirstFrame(
+                self.last if position.number else 0, position.message, publish_ns, now)
+        elif 0 < (steps := self.last - self._first_number) <= _MEASURED_STEPS:
             self._period = (publish_ns - self._first.publish_ns) / steps / 1e9
 
     def _is_after_last(self, position: Position) -> bool:

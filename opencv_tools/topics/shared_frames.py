@@ -74,28 +74,19 @@ class SharedFrames:
             discovery.node, String, f'{self._topic}{SUFFIX}', QoSProfile(
                 depth=MAX_PUBLISHERS, durability=DurabilityPolicy.TRANSIENT_LOCAL))
 
-    def read_announcement(self, publishers: Set[bytes]) -> None:
-        """
-        Take an announcement, if there is one.
-
-        :param publishers: identifiers of the publishers of the image topic, or of those that were
-            found last.
-        """
+    def read_announcement(self) -> None:
+        """Take an announcement, if there is one, which has its effect in ``update``."""
         taken = self.announcements.take_serialized()
         if taken is None:
             return
         data, info = taken
         try:
-            announcement = self._services.add(
+            self._services.add(
                 deserialize_message(bytes(data), String).data, bytes(info.publisher))
         except (AnnouncementError, RuntimeError) as err:  # rclpy's RMWError is private
             self._log.debug(str(err))
             return
         self.has_changed = True
-        publisher = bytes.fromhex(announcement.publisher)
-        if announcement.frames and publisher in publishers:
-            with self._queue.lock:
-                self._queue.order.learn(publisher, announcement.messages, announcement.frames)
 
     def update(self, publishers: Set[bytes]) -> bool:
         """
@@ -104,6 +95,9 @@ class SharedFrames:
         :param publishers: identifiers of the publishers of the image topic.
         :returns: whether all frames come from shared memory.
         """
+        with self._queue.lock:
+            for publisher, messages, frames in self._services.pop_numbers(publishers):
+                self._queue.order.learn(publisher, messages, frames)
         for publisher in self._sources.keys() - publishers:
             self._end(publisher)
         for publisher in publishers:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Set
 
 from opencv_tools.transport.shared_frames.announcement import (
-    Announcement, AnnouncementError, read_announcement)
+    AnnouncementError, read_announcement)
 
 MAX_PUBLISHERS = 64
 # Bytes of an identifier that are the same for all publishers of a process.
@@ -33,14 +33,14 @@ class SharedServices:
         self._services: dict[bytes, str] = {}
         self._reasons: dict[bytes, str] = {}  # why those of other publishers cannot be reached
         self._broken: dict[str, str] = {}  # reasons by service
+        self._numbers: dict[bytes, tuple[int, int]] = {}  # of messages and frames
 
-    def add(self, text: str, sender: bytes) -> Announcement:
+    def add(self, text: str, sender: bytes) -> None:
         """
         Read an announcement; it replaces the last one of its publisher.
 
         :param text: message of unknown origin.
         :param sender: identifier of the publisher of the message, from the middleware.
-        :returns: the announcement.
         :raises AnnouncementError: it is malformed, or another process speaks of the publisher.
         """
         announcement = read_announcement(text)
@@ -59,10 +59,16 @@ class SharedServices:
             self._reasons[publisher] = self._broken[service]
         else:
             self._services[publisher] = service
-        for texts in (self._services, self._reasons):
-            while len(texts) > MAX_PUBLISHERS:
-                del texts[next(iter(texts))]
-        return announcement
+        if announcement.frames:
+            self._numbers[publisher] = announcement.messages, announcement.frames
+        for known in (self._services, self._reasons, self._numbers):
+            while len(known) > MAX_PUBLISHERS:
+                del known[next(iter(known))]
+
+    def pop_numbers(self, publishers: Set[bytes]) -> list[tuple[bytes, int, int]]:
+        """Return the last announced numbers of publishers, of messages and of frames, once."""
+        return [(publisher, *self._numbers.pop(publisher))
+                for publisher in publishers & self._numbers.keys()]
 
     def remove(self, publisher: bytes, service: str, reason: str) -> None:
         """Remove a service that failed, until its publisher announces another one."""

@@ -27,7 +27,8 @@ from opencv_tools.topics.queue import FrameQueue, QueuedFrame
 from opencv_tools.topics.shared_frames import SharedFrames
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.topics.video_decoding import VideoDecoding
-from opencv_tools.transport.shared_frames.publisher import can_share, NOT_SHARED
+from opencv_tools.transport.shared_frames.memory import NOT_SHARED
+from opencv_tools.transport.shared_frames.publisher import can_share
 
 
 class FrameSources:
@@ -90,7 +91,7 @@ class FrameSources:
         have_changed = have_publishers_changed and self.adapt()
         if self.shared:
             if self.shared.announcements in ready:
-                self.shared.read_announcement(self.image.publishers)
+                self.shared.read_announcement()
             if self.shared.has_changed:
                 self.update_sharing()
         return have_changed

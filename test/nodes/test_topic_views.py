@@ -25,22 +25,27 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
-from conftest import executable, NodeProcess
+from conftest import executable, NodeProcess, spin_until
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.calibration.boards import parse_board
 from opencv_tools.calibration.camera_file import read_camera
+from opencv_tools.frames import FramePublisher
 from opencv_tools.topic_views import FramePairs
-from played_bags import Entry, image_entry, write_mcap
+from played_bags import BEGAN_NS
 import pytest
+from rclpy.node import Node
+from rclpy.time import Time
 from rendered_boards import Camera, needs_markers, Pose, poses, wide_camera
 from shown_boards import BOARD, held_board, RATE
+from std_msgs.msg import Header
 
 Start = Callable[..., NodeProcess]
 
 BASELINE = 0.06
 _STILL = 3  # images of each place
-_APART = 6  # of the numbers of images, so that they are 0.24 s apart
+_APART_NS = 240_000_000  # from one image to the next
 
 
 @pytest.fixture
@@ -58,20 +63,15 @@ def calibrate(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
         process.kill()
 
 
-def write_pair(folder: Path, camera: Camera, count: int) -> list[Path]:
-    """Write bags of a left and a right camera, with the same stamps and a board that is held."""
+def rendered_pairs(camera: Camera, count: int) -> Iterator[list[NDArray[np.uint8]]]:
+    """Yield images of a left and a right camera, with a board that is held."""
     board = parse_board(BOARD)
     rotation = cv2.Rodrigues(np.array([0.005, -0.02, 0.01]))[0]
-    entries: list[list[Entry]] = [[], []]
     for place, pose in enumerate(poses(board, camera, count, seed=4)):
         turned = cv2.Rodrigues(rotation @ cv2.Rodrigues(pose.rotation)[0])[0][:, 0]
         right = Pose(turned, rotation @ pose.translation - np.array([BASELINE, 0.0, 0.0]))
-        for side, one in enumerate((pose, right)):
-            image = camera.see(board, one, seed=2 * place + side)
-            entries[side] += [image_entry(_APART * number, image) for number in range(
-                place * _STILL, (place + 1) * _STILL)]
-    return [write_mcap(folder / f'{side}.mcap', one)
-            for side, one in zip(('left', 'right'), entries)]
+        yield [camera.see(board, one, seed=2 * place + side)
+               for side, one in enumerate((pose, right))]
 
 
 def views_of(output: str) -> int:
@@ -80,16 +80,25 @@ def views_of(output: str) -> int:
 
 
 @needs_markers
+@pytest.mark.process
 def test_two_cameras_until_all_views_are_there(
-        start: Start, calibrate: Callable[..., NodeProcess], tmp_path: Path) -> None:
-    bags = write_pair(tmp_path, wide_camera(640, 360), 24)
+        node: Node, calibrate: Callable[..., NodeProcess], tmp_path: Path) -> None:
+    pairs = list(rendered_pairs(wide_camera(640, 360), 24))
+    publishers = [FramePublisher(node, f'/{side}/image') for side in ('left', 'right')]
     process = calibrate(
         '--topic', '/left/image', '--right-topic', '/right/image', '--board', BOARD,
         '-o', tmp_path / 'left.yaml', '--right-output', tmp_path / 'right.yaml')
-    for side, bag in zip(('left', 'right'), bags):
-        start('img_publisher', '--ros-args', '-r', f'__ns:=/{side}', '-r', 'video_frames:=image',
-              '--', source=bag, publish_rate=0, stamp='original', loop=0,
-              wait_for_subscribers=1)
+    number = 0
+
+    def publish_until_the_end() -> bool:
+        nonlocal number
+        number += 1  # a pair has the same stamp; each is shown 3 times, 0.24 s apart
+        stamp = Time(nanoseconds=BEGAN_NS + number * _APART_NS).to_msg()
+        for publisher, image in zip(publishers, pairs[number // _STILL % len(pairs)]):
+            publisher.publish(image, Header(stamp=stamp))
+        return not process.is_running()
+
+    spin_until(node, publish_until_the_end)
     assert process.finish() == 0, process.output
     assert '\nBaseline: 0.0' in process.output
     left, right = (read_camera(tmp_path / f'{side}.yaml') for side in ('left', 'right'))

@@ -28,6 +28,7 @@ from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
 from opencv_tools.calibration.cli import main as img_calibrate
 from opencv_tools.convert.cli import main as img_convert
+from opencv_tools.datasets.cli import is_for_datasets
 from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.robot import cli
 import pytest
@@ -128,11 +129,13 @@ def _parameter(executable: str, name: str) -> Parameter:
 def _check_options(command: str, arguments: list[str]) -> None:
     """Check that a command without ROS has the options."""
     known: set[str] = set()
+    is_for_set = command == 'img_convert' and is_for_datasets(arguments)
+    mode = ['--format=lerobot'] if is_for_set else []
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr('argparse.ArgumentParser.print_help', lambda parser: known.update(
             *(action.option_strings for action in parser._actions)))
         with pytest.raises(SystemExit):
-            COMMANDS[command](['--help'])
+            COMMANDS[command]([*mode, '--help'])
     assert known
     options = {word.partition('=')[0] for word in arguments if re.match('--?[a-z]', word)}
     assert options <= known, f'{command} has no option {options - known}'

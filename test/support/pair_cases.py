@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pairs import allowed_combinations, covering_array, Part
@@ -114,17 +115,32 @@ class Case:
         return int(self.callback == 'raising')
 
     @property
+    def is_shared(self) -> bool:
+        """Return whether the last frames of a publisher arrive by shared memory."""
+        return self.way in ('shared', 'changing')
+
+    @property
     def may_replace_first(self) -> bool:
         """Return whether frames before the first one of the callback may count as missing."""
         # A late receiver of video may get a packet before its key frame.
         is_late_video = self.way == 'video' and self.joins == 'late'
         return self.receiver == 'threaded' or self.camera_info == 'with' or is_late_video
 
-    @property
-    def may_replace_last(self) -> bool:
-        """Return whether frames after the last one of the callback may count as replaced."""
+    def last_counted(self, last: int, published: int, *, is_followed: bool) -> Sequence[int]:
+        """
+        Return which frame of a publisher may be the last one in the counts of the receiver.
+
+        :param last: number of the last frame of the callback.
+        :param published: number of the last published frame.
+        :param is_followed: whether the publisher has ended regularly, and another one follows.
+        """
+        if is_followed and self.is_shared:
+            # All frames arrive. Those of the next publisher may replace them in a full queue.
+            return (published,)
+        is_late = is_followed and (self.receiver, self.callback) == ('threaded', 'slow')
         is_held = self.receiver in ('executor', 'threaded') and self.interrupt != 'idle'
-        return is_held or self.camera_info == 'with'
+        may_be_replaced = is_late or is_held or self.camera_info == 'with'
+        return range(last, published + 1) if may_be_replaced else (last,)
 
 
 def cases(strength: int, seed: int) -> list[Case]:

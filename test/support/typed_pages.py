@@ -137,6 +137,8 @@ def check_readme(folder: Path) -> None:
 
 def main() -> None:
     """Type all pages, each into a shell and a copy of the project of its own."""
+    # The shells inherit that a script in the background ignores Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     outer = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
     for page in PAGES:
         print(f'Typing {page}', flush=True)

@@ -26,10 +26,10 @@ from pathlib import Path
 import stat
 
 from opencv_tools.capture.errors import CaptureError, UnavailableError
-from opencv_tools.capture.image_files import natural_order
 from opencv_tools.capture.v4l2.device import VideoDevice
 from opencv_tools.capture.v4l2.videodev2 import VIDEO_MAJOR
 from opencv_tools.image.text import printable
+from opencv_tools.regular_files import natural_order
 
 
 @contextmanager

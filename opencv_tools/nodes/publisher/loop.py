@@ -99,31 +99,33 @@ class PublishLoop:
 
         :returns: the exit status.
         """
+        status = EXIT_OK
         try:
-            for frame in self._grabber.frames():
-                if not self._is_live:  # a file can wait, but a camera cannot
-                    self._topics.backlog.wait_for_room()
-                if self._topic_player and frame and frame.recorded:
-                    self._topic_player.advance(frame.recorded)
-                self._publish(frame)
-                del frame  # otherwise a camera that is reopened would be in use
-                if self.settings.max_frames == self._progress.count > 0:
-                    break
-            if not self._grabber.stopped:
-                if not self._progress.count:
+            try:
+                for frame in self._grabber.frames():
+                    if not self._is_live:  # a file can wait, but a camera cannot
+                        self._topics.backlog.wait_for_room()
+                    if self._topic_player and frame and frame.recorded:
+                        self._topic_player.advance(frame.recorded)
+                    self._publish(frame)
+                    del frame  # otherwise a camera that is reopened would be in use
+                    if self.settings.max_frames == self._progress.count > 0:
+                        break
+                if not (self._grabber.stopped or self._progress.count):
                     raise CaptureError(
                         f'{self.settings.shown_source}: no frame could be published')
+            except CaptureError as err:
+                self._log.error(str(err))
+                self._controls.report_unused()
+                status = EXIT_FAILURE
+            if not self._grabber.stopped:
                 self._topics.backlog.wait_for_all()
-                if self._topic_player:
+                if self._topic_player and status == EXIT_OK:
                     self._topic_player.finish()
-        except CaptureError as err:
-            self._log.error(str(err))
-            self._controls.report_unused()
-            return EXIT_FAILURE
         except RuntimeError:
             if self._context.ok():
                 raise  # otherwise ROS was shut down before the next frame
-        return EXIT_OK
+        return status
 
     def stop(self) -> None:
         """End ``run`` before the next frame."""

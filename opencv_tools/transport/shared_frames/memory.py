@@ -31,6 +31,7 @@ from typing import Any
 import uuid
 import weakref
 
+from opencv_tools.remedies import installation
 from opencv_tools.transport.shared_frames.header import FrameHeader
 from opencv_tools.transport.shared_frames.pages import (
     private_folder, shared_memory_errors, SharedMemoryError)
@@ -41,6 +42,10 @@ SHARED_MEMORY = Path('/dev/shm')
 RESERVE_BYTES = 1 << 18
 MAX_READERS = 16
 MAX_DEPTH = 16  # frames that wait for a reader
+#: Why a process cannot receive shared frames.
+NOT_SHARED = ('frames cannot be shared with this process, because iceoryx2 is not installed or '
+              f'OPENCV_TOOLS_TRANSPORT is default; {installation("iceoryx2")}, or set '
+              'transport:=auto')
 
 
 class FrameMemory:

@@ -25,7 +25,6 @@ import time
 import numpy as np
 from opencv_tools.image.cdr import WireImage
 from opencv_tools.logs import Log
-from opencv_tools.remedies import installation
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity
@@ -44,10 +43,6 @@ _CHECK_SECONDS = 1.0
 _RETRY_SECONDS = 5.0
 # A subscription to the image topic may miss messages for this time after it was discovered.
 _JOIN_SECONDS = 0.2
-#: Why a process cannot receive shared frames.
-NOT_SHARED = ('frames cannot be shared with this process, because iceoryx2 is not installed or '
-              f'OPENCV_TOOLS_TRANSPORT is default; {installation("iceoryx2")}, or set '
-              'transport:=auto')
 
 # Calls a function that sends a frame to readers, and that returns whether all had room for it. It
 # may call it again: readers ignore a repeated frame.

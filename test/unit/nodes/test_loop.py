@@ -57,6 +57,20 @@ def test_exit_without_a_source(
     assert 'none.mp4 cannot be opened: No such file or directory' in capfd.readouterr().err
 
 
+def test_subscribers_are_waited_for_after_a_failure(
+        node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', [image_entry(1)])
+    loop = create_loop(node, source=str(path), publish_rate=0.0, on_end='loop')
+    backlog = loop._topics.backlog
+    waits: list[str] = []
+    wait_for_room = backlog.wait_for_room
+    monkeypatch.setattr(backlog, 'wait_for_all', lambda: waits.append('all'))
+    monkeypatch.setattr(backlog, 'wait_for_room', lambda: (
+        waits.append('room'), path.unlink(missing_ok=True), wait_for_room()))
+    assert loop.run() == EXIT_FAILURE
+    assert (waits[0], waits[-1]) == ('room', 'all')
+
+
 def test_stop_before_the_first_frame(node: Node) -> None:
     loop = create_loop(node, source='pattern')
     loop.stop()

@@ -30,7 +30,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
 
-PUBLISHER = bytes(range(16))
+PUBLISHER, OTHER_PUBLISHER = bytes(range(16)), bytes(16)
 
 
 def frame(number: int) -> ReceivedMessage:
@@ -84,6 +84,15 @@ def test_thread_that_waits_for_room(end: str) -> None:
     getattr(queue, end)()
     waiting.join(DEADLINE)
     assert found == [True]
+
+
+def test_last_frames_that_the_next_publisher_replaces() -> None:
+    queue = FrameQueue(2)
+    put(queue, 1, 2, 5)
+    for number in (1, 2):
+        queue.put(frame(number), OTHER_PUBLISHER, Position(number))
+    assert (pop_all(queue), queue.skipped, queue.order.count) == ([1, 2], 3, 2)
+    assert queue.skipped + queue.order.count == 5  # all frames of the first publisher
 
 
 def test_repeated_frame_is_in_no_count() -> None:

@@ -26,9 +26,10 @@ from conftest import DEADLINE
 from opencv_tools.logs import Log
 from opencv_tools.topics import shared_source
 from opencv_tools.topics.options import SubscriptionOptions
-from opencv_tools.topics.order import Way
+from opencv_tools.topics.order import Position, Way
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.topics.shared_frames import SharedFrames
+from opencv_tools.topics.shared_services import MAX_PUBLISHERS
 from opencv_tools.topics.shared_source import SharedSource
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
@@ -58,11 +59,15 @@ class Publisher:
         self.identifier = publisher_id(self._images.handle)
         self.share()
 
-    def share(self) -> None:
-        """Create a service and announce it."""
+    def share(self, frames: int = 0) -> None:
+        """Create a service and announce it, with a number of frames that were only shared."""
         self.writer = process_memory().create_writer(16)
+        self.announce(frames)
+
+    def announce(self, frames: int) -> None:
+        """Announce the service."""
         self._announcements.publish(String(data=announce(
-            self.writer.service, self.identifier.hex()).to_text()))
+            self.writer.service, self.identifier.hex(), frames).to_text()))
 
     def send(self, *numbers: int, message: int = 1) -> None:
         """Share frames; a frame is also a message if its number is that of the message."""
@@ -103,7 +108,7 @@ class Receiver:
     def read(self, publisher: Publisher) -> None:
         """Read announcements until the service of a publisher is known."""
         def is_known() -> bool:
-            self.shared.read_announcement({publisher.identifier})
+            self.shared.read_announcement()
             return self.shared._services.of(publisher.identifier) == publisher.writer.service
 
         wait_until(is_known, 'the announcement')
@@ -183,6 +188,33 @@ def test_publisher_that_is_not_shared_any_more_while_it_joins(
     assert not receiver.shared.update({publisher.identifier, STRANGER})
     assert receiver.way(publisher) is Way.TOPIC
     wait_until(lambda: publisher.writer.readers == 0, 'the end of the reader')
+
+
+@pytest.mark.parametrize('is_message_first', [False, True])
+def test_announcement_of_a_publisher_that_is_found_later(
+        receiver: Receiver, publisher: Publisher, is_message_first: bool) -> None:
+    def accept() -> None:
+        assert receiver.queue.order.accepts(publisher.identifier, Position(1), 0)
+
+    publisher.share(frames=14)
+    receiver.read(publisher)
+    receiver.shared.update(frozenset())
+    if is_message_first:
+        accept()
+        assert receiver.queue.order.is_complete
+    receiver.shared.update({publisher.identifier})
+    if not is_message_first:
+        accept()
+    assert not receiver.queue.order.is_complete  # as message 1 is frame 15
+    assert receiver.queue.order.count == 0
+
+
+def test_announcements_of_many_publishers(receiver: Receiver, publisher: Publisher) -> None:
+    for number in range(3 * MAX_PUBLISHERS):
+        publisher.identifier = publisher.identifier[:-4] + number.to_bytes(4, 'big')
+        publisher.announce(frames=1)
+        receiver.read(publisher)
+    assert len(receiver.shared._services._numbers) == MAX_PUBLISHERS
 
 
 def test_changes_that_the_executor_has_to_see(

@@ -432,7 +432,7 @@ def test_waiting_messages_precede_the_next_shared_frame(
     # From here the executor does not run.
     for _ in range(6):
         ours.send()
-    wait_until(lambda: shared.read_announcement(publishers) or shared.has_changed,
+    wait_until(lambda: shared.read_announcement() or shared.has_changed,
                'the announcement')
     subscription._sources.update_sharing()
     ours.send()

@@ -1,0 +1,172 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Check of a LeRobot data set, of this package or any other: what it says against what it has."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+import math
+from typing import Any
+
+import numpy as np
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
+from opencv_tools.datasets.set_reader import SetReader, values_of
+from opencv_tools.image.text import enumerated, printable
+
+_NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',
+            'float16', 'float32', 'float64')
+_IMAGES = ('image', 'video')
+_MAX_TIME_ERROR = 1e-4  # seconds, as in LeRobot
+
+
+def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
+    """
+    Yield what is wrong with the rows, the tasks and the statistics.
+
+    :raises DatasetError: a file cannot be read.
+    """
+    yield from _total_problems(reader, episodes)
+    tasks = yield from _task_problems(reader)
+    seen: dict[str, list[Any]] = {}
+    rows = 0
+    for place in dict.fromkeys((row['data/chunk_index'], row['data/file_index'])
+                               for row in episodes):
+        for table in reader.tables(reader.file_path('data_path', *place)):
+            wrong = {*row_columns(reader.features)} ^ {*table.column_names}
+            if wrong:
+                raise DatasetError(f'data and {INFO} differ in the columns '
+                                   f'{enumerated(sorted(map(printable, wrong)))}')
+            columns = {name: _numbers(reader, table, name) for name in table.column_names
+                       if reader.features[name]['dtype'] in _NUMBERS}
+            for problem, count in _value_problems(reader, columns, tasks).items():
+                yield f'{count} {problem} in rows from {rows} on'
+            for name in columns:
+                seen.setdefault(name, []).append(columns[name])
+            expected = _expected(episodes, rows, table.num_rows)
+            for name, values in expected.items():
+                bad = np.flatnonzero(columns[name][:, 0] != values)
+                if len(bad):
+                    yield (f'row {rows + bad[0]} has {name} {columns[name][bad[0], 0]}, not '
+                           f'{values[bad[0]]}')
+            rows += table.num_rows
+    if rows != episodes[-1]['dataset_to_index']:
+        yield f'there are {rows} rows, but the episodes have {episodes[-1]["dataset_to_index"]}'
+    if rows:
+        yield from _statistics_problems(reader, {
+            name: np.concatenate(values) for name, values in seen.items()})
+
+
+def _task_problems(reader: SetReader) -> Generator[str, None, int]:
+    """Yield what is wrong with the tasks; return their number."""
+    numbers: list[Any] = []
+    for table in reader.tables(reader.folder / TASKS, ['task_index']):
+        numbers += values_of(table, 'task_index')
+    if numbers != [*range(len(numbers))]:
+        yield f'{TASKS} does not number its {len(numbers)} tasks from 0'
+    if reader.info.get('total_tasks') != len(numbers):
+        yield (f'{INFO} has total_tasks {printable(reader.info.get("total_tasks"))}, but there '
+               f'are {len(numbers)}')
+    return len(numbers)
+
+
+def _total_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
+    begin = 0
+    for number, row in enumerate(episodes):
+        place = (row['episode_index'], row['dataset_from_index'], row['dataset_to_index'])
+        expected = (number, begin, begin + row['length'])
+        if place != expected or row['length'] < 1:
+            yield (f'episode {number} has number, first and last row {place}, not {expected}, and '
+                   f'{row["length"]} rows')
+        begin += row['length']
+    totals = {'total_episodes': len(episodes), 'total_frames': begin,
+              'splits': {'train': f'0:{len(episodes)}'}}
+    for name, value in totals.items():
+        found = reader.info.get(name)
+        has_other_splits = name == 'splits' and isinstance(found, dict) and 'train' not in found
+        if found != value and not has_other_splits:
+            yield f'{INFO} has {name} {printable(found)}, but the episodes have {value}'
+
+
+def _numbers(reader: SetReader, table: Any, name: str) -> np.ndarray[Any, Any]:
+    """Return the values of a column, (n, d)."""
+    size = math.prod(reader.features[name]['shape'])
+    pa = import_pyarrow()
+    column = table.column(name).combine_chunks()
+    try:
+        while str(column.type).startswith(
+                ('list', 'fixed_size_list', 'large_list', 'extension')):
+            column = column.storage if hasattr(column, 'storage') else column.flatten()
+        values: np.ndarray[Any, Any] = column.to_numpy(zero_copy_only=False)
+    except (ValueError, pa.ArrowException) as err:
+        raise DatasetError(f'{printable(name)} cannot be read: {printable(err)}') from err
+    if values.size != table.num_rows * size or values.dtype.kind not in 'biuf':
+        raise DatasetError(f'{printable(name)} has {values.size} numbers in {table.num_rows} '
+                           f'rows, but its shape is {reader.features[name]["shape"]}')
+    return values.reshape(table.num_rows, size)
+
+
+def _value_problems(reader: SetReader, columns: dict[str, Any], tasks: int) -> dict[str, int]:
+    found = {f'values of {printable(name)} that are not finite':
+             int(np.count_nonzero(~np.isfinite(values.astype(np.float64))))
+             for name, values in columns.items()}
+    times = columns['frame_index'] / reader.fps
+    found['timestamps that are not frame_index / fps'] = int(np.count_nonzero(
+        np.abs(columns['timestamp'] - times) > _MAX_TIME_ERROR + 1e-6 * times))
+    found['task numbers without a task'] = int(np.count_nonzero(
+        (columns['task_index'] < 0) | (columns['task_index'] >= tasks)))
+    for name, values in columns.items():
+        kind = reader.features[name]['dtype']
+        found[f'values of {printable(name)} that are {values.dtype}, not {kind}'] = (
+            0 if values.dtype == kind else values.size)
+    return {text: count for text, count in found.items() if count}
+
+
+def _expected(episodes: list[dict[str, Any]], begin: int, count: int) -> dict[str, Any]:
+    """Return the numbers that some rows must have."""
+    index = np.arange(begin, begin + count)
+    firsts = np.array([row['dataset_from_index'] for row in episodes])
+    numbers = np.maximum(np.searchsorted(firsts, index, side='right') - 1, 0)
+    return {'index': index, 'episode_index': numbers, 'frame_index': index - firsts[numbers]}
+
+
+def _statistics_problems(reader: SetReader, columns: dict[str, Any]) -> Iterator[str]:
+    statistics = reader.read_json(STATS)
+    for key, feature in reader.features.items():
+        if feature['dtype'] not in (*_NUMBERS, *_IMAGES):
+            continue  # such as a text, which has none
+        found = statistics.get(key)
+        if not isinstance(found, dict):
+            yield f'{STATS} has no statistics of {printable(key)}'
+            continue
+        if key in columns:
+            with np.errstate(all='ignore'):  # rows that are not finite were named before
+                for name in _wrong_statistics(columns[key].astype(np.float64), found):
+                    yield f'{STATS} has another {name} of {printable(key)} than the rows'
+
+
+def _wrong_statistics(values: np.ndarray[Any, Any], found: dict[str, Any]) -> Iterator[str]:
+    """Yield the names of the statistics that are not those of (n, d) numbers."""
+    exact = {'min': values.min(axis=0), 'max': values.max(axis=0), 'mean': values.mean(axis=0),
+             'std': values.std(axis=0), 'count': np.array([len(values)])}
+    spread = 1e-4 * (np.abs(values).max(axis=0) + 1e-6)
+    for name, value in exact.items():
+        try:
+            given = np.array(found.get(name), np.float64).ravel()
+        except (TypeError, ValueError, OverflowError):
+            given = np.array([])
+        limit = 0 if name == 'count' else spread
+        if given.shape != value.shape or not (np.abs(given - value) <= limit).all():
+            yield name

@@ -1,0 +1,198 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The command line of img_convert for data sets: ``--format``, ``--check`` and ``--merge``.
+
+Slow imports are inside functions, so that ``--help`` is fast.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import math
+import sys
+
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.plan import FORMATS, LEROBOT
+from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
+from opencv_tools.version import add_version_option
+
+_INTERRUPTED = 1
+_USAGE_ERROR = 2
+_MODES = ('--format', '--check', '--merge')
+_MOST_SHARDS = 1_000_000
+
+_EXAMPLES = """\
+examples:
+  img_convert drive.mcap set/ --format lerobot --fps 30 \\
+      --image front=/cam0/image_raw/compressed --state /joint_states.position \\
+      --action /arm/command.position --task 'pick the cube'
+  img_convert bags/ set/ --format lerobot --fps 30 --image front=/cam0/image_raw --dry-run
+  img_convert --check set/
+  img_convert bags/ shard_3/ --format lerobot ... --shard 3/100
+  img_convert --merge shard_*/ set/
+
+exit status:
+  0  success
+  1  a bag cannot be converted, a set has errors, or a signal ended the command
+  2  invalid arguments
+"""
+
+
+def is_for_datasets(argv: Sequence[str]) -> bool:
+    """Return whether arguments of img_convert are for data sets."""
+    return any(argument.partition('=')[0] in _MODES for argument in argv)
+
+
+def main(argv: Sequence[str]) -> int:
+    """
+    Convert bags to a data set for training, or check or merge one.
+
+    :param argv: arguments.
+    :returns: 0 on success, 1 if a bag or a set has errors or after an interrupt, 2 for invalid
+        arguments.
+    """
+    options = _parser().parse_args(argv)
+    open_standard_streams()
+    from opencv_tools.datasets.command import run
+    from opencv_tools.datasets.lerobot import import_pyarrow
+    try:
+        import_pyarrow()
+        return run(options)
+    except DatasetError as err:
+        print(f'img_convert: error: {err}', file=sys.stderr)
+        return _USAGE_ERROR
+    except KeyboardInterrupt:
+        print('img_convert: interrupted', file=sys.stderr)
+        return _INTERRUPTED
+    finally:
+        discard_broken_streams()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='img_convert', allow_abbrev=False, epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description='Convert bags to a data set for training, or check or merge one.',
+        usage='img_convert SOURCE TARGET --format FORMAT --fps N [options]\n'
+              '       img_convert --check SET\n'
+              '       img_convert --merge SHARD [SHARD ...] SET')
+    add_version_option(parser)
+    parser.add_argument('paths', metavar='PATH', nargs='*', help='bag, folder with bags or glob '
+                        'pattern, then the new folder; or what --check and --merge need')
+    modes = parser.add_mutually_exclusive_group(required=True)
+    modes.add_argument('--format', choices=FORMATS, default='', help=(
+        f'{LEROBOT} (a data set of LeRobot, version 3), or single samples: webdataset (tar) or '
+        'parquet, one file a bag'))
+    modes.add_argument('--check', action='store_true', help='check a LeRobot data set')
+    modes.add_argument('--merge', action='store_true', help='merge what --shard has written')
+    _add_features(parser.add_argument_group('features'))
+    _add_times(parser.add_argument_group('times and episodes'))
+    _add_work(parser.add_argument_group('work'))
+    return parser
+
+
+def _add_features(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--image', metavar='NAME=TOPIC', action='append', default=[],
+                       help='camera: observation.images.NAME; for each camera once')
+    group.add_argument('--state', metavar='TOPIC.FIELD', action='append', default=[], help=(
+        'numbers of observation.state, such as /joint_states.position; several follow each other'))
+    group.add_argument('--action', metavar='TOPIC.FIELD', action='append', default=[], help=(
+        'numbers of action; next for the state of the next row'))
+    group.add_argument('--vector', metavar='FEATURE=TOPIC.FIELD', action='append', default=[],
+                       help='numbers of another feature, such as effort=/joint_states.effort')
+    group.add_argument('--joints', metavar='NAME,NAME', type=_names, default=(), help=(
+        'names and order of the numbers that have names [order of the first message]'))
+    group.add_argument('--task', metavar='TEXT', default='', help='task of the episodes')
+    group.add_argument('--robot', metavar='NAME', default='', help='name of the robot')
+
+
+def _add_times(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--fps', type=_fps, metavar='N', help='rows of a second')
+    group.add_argument('--clock', choices=('stamp', 'log'), default='stamp', help=(
+        'stamp for the stamps of the headers, log for the times of the recording [%(default)s]'))
+    group.add_argument('--align-images', choices=('last', 'nearest'), default='last', help=(
+        'image of a row: the last one before its time, or the nearest [%(default)s]'))
+    group.add_argument('--align-vectors', choices=('last', 'linear'), default='last', help=(
+        'numbers of a row: the last ones before its time, or between two [%(default)s]'))
+    group.add_argument('--max-gap', type=_seconds, default=1.0, metavar='SECONDS',
+                       help='largest age of a sample of a row [%(default)s]')
+    group.add_argument('--on-gap', choices=('fail', 'split'), default='fail', help=(
+        'what an older sample does: fail, or split the episode and leave these rows out '
+        '[%(default)s]'))
+    group.add_argument('--episodes', metavar='TOPIC.FIELD|TABLE.csv', default='', help=(
+        "topic whose value is not 0, false or '' during an episode, or table with the columns "
+        'start and end in seconds and, if needed, bag and task [one episode a bag]'))
+
+
+def _add_work(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--dry-run', action='store_true',
+                       help='print what would become of each topic, and write nothing')
+    group.add_argument('--overwrite', action='store_true', help='replace the data set TARGET')
+    group.add_argument('--skip-failed', action='store_true',
+                       help='write the set without the bags that cannot be converted')
+    group.add_argument('--crf', type=_crf, default=23, metavar='N', help=(
+        'quality of the videos, from 0 (best) to 51 (smallest) [%(default)s]'))
+    group.add_argument('--jobs', type=_positive, metavar='N', help=(
+        'processes on this machine [number of processors]'))
+    group.add_argument('--shard', type=_shard, metavar='I/N', help=(
+        'convert only each N-th bag, from the I-th on, to TARGET, for --merge'))
+    group.add_argument('--ray', metavar='ADDRESS', default='', help=(
+        'convert the bags on a Ray cluster, such as auto or 10.0.0.5:6379; local for one that '
+        'ends with the command'))
+    group.add_argument('--ray-memory', type=_positive, metavar='MB', default=1000, help=(
+        'memory that Ray reserves for a bag [%(default)s]'))
+
+
+def _number(text: str, least: int, most: int) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 10 and least <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f'{text!r} is not an integer from {least} to {most}')
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    return _number(text, 1, 10 ** 9)
+
+
+def _fps(text: str) -> int:
+    return _number(text, 1, 1000)
+
+
+def _crf(text: str) -> int:
+    return _number(text, 0, 51)
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0 < seconds < 1e6:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a number of seconds above 0')
+    return seconds
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(','))
+    if not all(names) or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a list of different names')
+    return names
+
+
+def _shard(text: str) -> tuple[int, int]:
+    first, _, count = text.partition('/')
+    shards = _number(count, 1, _MOST_SHARDS)
+    return _number(first, 1, shards), shards

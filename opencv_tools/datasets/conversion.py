@@ -1,0 +1,151 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Conversion of the bags of a source to a data set, or to a shard of one."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+import os
+from pathlib import Path
+
+from opencv_tools.datasets.dry_run import describe_bag
+from opencv_tools.datasets.episodes import check_bags
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.folders import check_target, locked_parts, remove_part, working_parts
+from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
+from opencv_tools.datasets.merge import MARKS
+from opencv_tools.datasets.part import bag_state, is_done, read_part
+from opencv_tools.datasets.plan import Plan
+from opencv_tools.datasets.set_writing import write_set
+from opencv_tools.datasets.shards import write_shard
+from opencv_tools.datasets.tracks import resolved
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.logs import Log
+
+_EXIT_OK, _EXIT_FAILURE = 0, 1
+
+
+class Conversion:
+    """A conversion of bags by the options of the command."""
+
+    def __init__(self, options: Namespace, plan: Plan, target: Path, log: Log) -> None:
+        """
+        Find the bags.
+
+        :raises DatasetError: there is none, or the first one does not suit the plan.
+        """
+        self._options, self._target, self._log = options, target, log
+        self._parts = target if options.shard else working_parts(target)
+        all_jobs = find_jobs(options.paths[0], self._parts)
+        check_bags(plan.intervals, [job.name for job in all_jobs])
+        self._jobs = all_jobs
+        if options.shard:
+            first, count = options.shard
+            self._jobs = all_jobs[first - 1::count]
+        self._plan = self._resolved(plan, all_jobs)
+
+    def run(self) -> int:
+        """
+        Convert the bags; return the exit status.
+
+        :raises DatasetError: the target cannot be used.
+        :raises OSError: a file cannot be read or written.
+        """
+        options = self._options
+        if options.dry_run:
+            return self._dry_run()
+        if options.shard:
+            write_shard(self._target, options.shard, [job.name for job in self._jobs])
+            failed = self._convert()
+            self._log.info(f'{len(self._jobs) - len(failed)} of {len(self._jobs)} bags are in '
+                           f'{printable(self._target, MAX_PATH)}; join all shards with --merge')
+            return _EXIT_FAILURE if failed else _EXIT_OK
+        with locked_parts(self._target):
+            check_target(self._target, MARKS, options.overwrite)
+            failed = self._convert()
+            done = [job for job in self._jobs if job not in failed]
+            if not done or (failed and not options.skip_failed):
+                self._log.error(
+                    f'{len(failed)} of {len(self._jobs)} bags cannot be converted, so no set is '
+                    'written; mend them and run the command again, which converts only what is '
+                    'missing, or leave them out with --skip-failed')
+                return _EXIT_FAILURE
+            if not write_set([job.folder for job in done], self._target, self._log):
+                return _EXIT_FAILURE
+            for part in self._parts.iterdir():
+                if part.is_dir():
+                    remove_part(part)
+        return _EXIT_FAILURE if failed else _EXIT_OK
+
+    def _resolved(self, plan: Plan, jobs: Sequence[Job]) -> Plan:
+        """Return the plan with the names of all numbers, those of the first bag that has them."""
+        reason = ''
+        for job in jobs:
+            try:
+                return resolved(plan, job.path)
+            except DatasetError as err:
+                reason = reason or f'{printable(job.name)}: {err}'
+                if not self._options.skip_failed:
+                    break
+        raise DatasetError(reason)
+
+    def _dry_run(self) -> int:
+        failed = 0
+        for job in self._jobs:
+            try:
+                for line in describe_bag(job.path, job.name, self._plan):
+                    print(line)
+            except DatasetError as err:
+                failed += 1
+                self._log.error(f'{printable(job.name)}: {err}')
+        return _EXIT_FAILURE if failed else _EXIT_OK
+
+    def _convert(self) -> list[Job]:
+        """Convert the bags that are missing; return those that cannot be converted."""
+        missing = [job for job in self._jobs if not _is_done(job, self._plan)]
+        if len(missing) < len(self._jobs):
+            self._log.info(f'{len(self._jobs) - len(missing)} of {len(self._jobs)} bags are '
+                           'converted already')
+        failed = []
+        for number, (job, error) in enumerate(self._engine(missing), 1):
+            shown = f'{number} of {len(missing)}, {printable(job.name)}'
+            if error:
+                failed.append(job)
+                self._log.error(f'{shown}: {error}')
+                continue
+            part = read_part(job.folder)
+            rows = sum(episode['length'] for episode in part['episodes'])
+            self._log.info(f'{shown}: {rows} rows in {len(part["episodes"])} episodes')
+            for warning in part['warnings']:
+                self._log.warning(f'{printable(job.name)}: {warning}')
+        return failed
+
+    def _engine(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, str]]:
+        if not jobs:
+            return iter(())
+        if self._options.ray:
+            from opencv_tools.datasets.on_ray import convert_on_ray
+            return convert_on_ray(jobs, self._plan, self._options.ray,
+                                  self._options.ray_memory * 10 ** 6)
+        workers = self._options.jobs or len(os.sched_getaffinity(0))
+        return convert_here(jobs, self._plan, workers)
+
+
+def _is_done(job: Job, plan: Plan) -> bool:
+    try:
+        return is_done(job.folder, plan, bag_state(job.path))
+    except OSError:
+        return False  # its conversion says why

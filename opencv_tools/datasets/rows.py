@@ -1,0 +1,165 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Rows of a data set: a grid of times, and which sample of each topic belongs to each.
+
+Times are integers in nanoseconds. Row k of an episode has the time of row 0 plus k / fps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.units import NANO
+
+Times = NDArray[np.int64]
+
+#: A sample that is so little after a row belongs to it: many stamps are cut to microseconds.
+TOLERANCE_NS = 1000
+_BEFORE = 0.99  # share of the images that come before their row
+_MOST_ROWS = 10_000_000  # of a bag: four days at 30 Hz
+
+
+@dataclass(frozen=True)
+class Rows:
+    """
+    The rows of an episode.
+
+    :param times: (n,) time of each row.
+    :param samples: (n,) number of the sample of each row, by topic.
+    :param task: text of the task; '' for that of the plan.
+    """
+
+    times: Times
+    samples: Mapping[str, Times]
+    task: str = ''
+
+    def part(self, begin: int, end: int) -> Rows:
+        """Return some of the rows."""
+        return Rows(self.times[begin:end],
+                    {name: one[begin:end] for name, one in self.samples.items()}, self.task)
+
+
+def grid(start: int, end: int, fps: int) -> Times:
+    """
+    Return the times of the rows from a start to an end, both included.
+
+    :raises DatasetError: there are too many rows.
+    """
+    count = ((end - start + 1) * fps - 1) // NANO + 1  # those whose time, cut to ns, is in it
+    if count > _MOST_ROWS:
+        raise DatasetError(f'{(end - start) / NANO:.0f} s have {count} rows at {fps} Hz, at most '
+                           f'{_MOST_ROWS} are possible; check the times, or use --clock log')
+    return start + np.arange(max(0, count), dtype=np.int64) * NANO // fps
+
+
+def choose(times: Times, rows: Times, choice: str) -> Times:
+    """
+    Choose a sample for each row.
+
+    :param times: (n,) increasing times of the samples; the first is not after the first row.
+    :param rows: (m,) increasing times of the rows.
+    :param choice: 'last' for the last sample that is not after the row, apart from
+        ``TOLERANCE_NS``, or 'nearest' for the nearest.
+    :returns: (m,) numbers of samples.
+    """
+    if choice == 'last':
+        return _last(times, rows + TOLERANCE_NS)
+    last = _last(times, rows)
+    following = np.minimum(last + 1, len(times) - 1)
+    return np.where(np.abs(times[following] - rows) < np.abs(rows - times[last]), following, last)
+
+
+def needed_delay(times: Times, rows: Times, fps: int) -> int:
+    """
+    Return by how much rows must be later, so that 99 % of the images come before them.
+
+    Rows that begin at the time of an image are a little before or after the next images. The last
+    image before such a row would be that of the row before, or this one, at random.
+
+    :param times: (n,) increasing times of the samples.
+    :param rows: (m,) times of the rows, m at least 1.
+    :returns: time in nanoseconds, from 0 to half of a row.
+    """
+    late = times[choose(times, rows, 'nearest')] - rows
+    late = late[np.abs(late) <= NANO // fps // 2]
+    delay = int(np.quantile(late, _BEFORE, method='higher')) if len(late) else 0
+    return delay if delay > TOLERANCE_NS else 0
+
+
+def _last(times: Times, rows: Times) -> Times:
+    return np.maximum(np.searchsorted(times, rows, side='right') - 1, 0)
+
+
+def interpolate(times: Times, values: NDArray[np.float64], rows: Times,
+                ) -> NDArray[np.float64]:
+    """
+    Interpolate numbers linearly between the samples before and after each row.
+
+    :param times: (n,) increasing times of the samples.
+    :param values: (n, d) numbers.
+    :param rows: (m,) times of the rows, within the times.
+    :returns: (m, d) numbers.
+    """
+    last = _last(times, rows)
+    following = np.minimum(last + 1, len(times) - 1)
+    span = np.maximum(times[following] - times[last], 1)
+    share = ((rows - times[last]) / span)[:, np.newaxis]
+    return values[last] + (values[following] - values[last]) * share
+
+
+def pieces(is_good: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
+    """Yield the begin and the end of each sequence of rows that are good."""
+    borders = np.flatnonzero(np.diff(np.concatenate(([False], is_good, [False])).astype(np.int8)))
+    yield from zip(borders[::2].tolist(), borders[1::2].tolist())
+
+
+@dataclass(frozen=True)
+class Match:
+    """
+    How the samples of a topic fit the rows.
+
+    :param used: number of samples that are in a row.
+    :param reused: number of rows that repeat the sample of the row before.
+    :param dropped: number of samples between the first and the last row that are in no row.
+    :param median_error: median distance between a row and its sample, in seconds.
+    :param largest_error: largest distance, in seconds.
+    """
+
+    used: int = 0
+    reused: int = 0
+    dropped: int = 0
+    median_error: float = 0.0
+    largest_error: float = 0.0
+
+
+def match(times: Times, episodes: list[Rows], name: str) -> Match:
+    """Return how the samples of a topic fit the rows of some episodes."""
+    used = reused = within = 0
+    errors: list[Times] = []
+    for rows in episodes:
+        samples = rows.samples[name]
+        distinct = len(np.unique(samples))
+        used, reused = used + distinct, reused + len(samples) - distinct
+        within += len(np.union1d(samples, np.flatnonzero(
+            (times >= rows.times[0]) & (times <= rows.times[-1]))))
+        errors.append(np.abs(rows.times - times[samples]))
+    all_errors = np.concatenate(errors) if errors else np.zeros(1, np.int64)
+    return Match(used, reused, within - used, float(np.median(all_errors)) / NANO,
+                 int(all_errors.max()) / NANO)

@@ -1,0 +1,158 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Data sets of single samples: WebDataset (tar) and Parquet, one file a bag.
+
+A picture that is a JPEG in the bag is stored as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+import io
+import json
+from pathlib import Path
+import shutil
+import tarfile
+from typing import Any
+
+import numpy as np
+from opencv_tools.datasets.camera_video import check_age
+from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
+from opencv_tools.datasets.pictures import row_pictures
+from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
+from opencv_tools.datasets.row_values import row_vectors, shortened, shown_rows
+from opencv_tools.datasets.rows import Rows
+from opencv_tools.datasets.tracks import Recording
+from opencv_tools.image.text import MAX_PATH, printable
+
+#: Name of the file in a part, by format.
+SAMPLES = {'webdataset': 'samples.tar', 'parquet': 'samples.parquet'}
+#: What a set has beside the samples: the bags and their reports.
+BAGS = 'bags.json'
+_GROUP_ROWS = 100  # of a row group, because a row has pictures
+
+
+def write_samples(plan: Plan, recording: Recording, episodes: Sequence[Rows],
+                  folder: Path, name: str) -> tuple[dict[str, Any], list[Rows]]:
+    """
+    Write the samples of a bag.
+
+    :param episodes: all rows; with ``next_action`` the last one of each is left out.
+    :param folder: folder of the part.
+    :param name: name of the bag in the set.
+    :returns: what part.json says of the samples, and the rows with the pictures that they have.
+    :raises DatasetError: a picture or a number cannot be used.
+    :raises OSError: the file cannot be written.
+    """
+    path = folder / SAMPLES[plan.format]
+    shown: dict[str, list[int]] = {camera: [] for camera, _ in plan.images}
+    samples = _samples(plan, recording, episodes, name, shown)
+    write = _write_tar if plan.format == WEBDATASET else _write_parquet
+    write(path, samples)
+    kept = shown_rows(shortened(plan, episodes), {
+        camera: np.array(one) for camera, one in shown.items()}, recording.warnings)
+    described = [{'length': len(rows.times), 'task': rows.task or plan.task} for rows in kept]
+    return {'features': plan_features(plan, {}), 'episodes': described}, kept
+
+
+def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: str,
+             shown: dict[str, list[int]],
+             ) -> Iterator[tuple[str, dict[str, Any], dict[str, bytes]]]:
+    """
+    Yield the key of each sample, its numbers and texts, and the JPEG of each camera.
+
+    The numbers of the samples that cameras show are added to ``shown``.
+    """
+    vectors = row_vectors(plan, recording, episodes)
+    kept = shortened(plan, episodes)
+    with ExitStack() as stack:
+        cameras = {}
+        for camera, _ in plan.images:
+            samples = np.concatenate([rows.samples[camera] for rows in kept]).tolist()
+            cameras[camera] = row_pictures(
+                recording.bag, camera, recording.tracks[camera], samples)
+            stack.callback(cameras[camera].close)
+        for number, rows in enumerate(kept):
+            for row, time_ns in enumerate(rows.times.tolist()):
+                stamps = {one: int(track.times[rows.samples[one][row]])
+                          for one, track in recording.tracks.items()}
+                jpegs = {}
+                for camera, pictures in cameras.items():
+                    sample, picture = next(pictures)
+                    shown[camera].append(sample)
+                    stamps[camera] = int(recording.tracks[camera].times[sample])
+                    check_age(plan, camera, time_ns - stamps[camera])
+                    jpegs[camera] = picture.jpeg[0].tobytes()
+                values = {key: values[number][row].tolist() for key, values in vectors.items()}
+                yield f'{number:06d}_{row:06d}', {
+                    'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row,
+                    'timestamp': row / plan.fps, 'task': rows.task or plan.task,
+                    'stamp_ns': stamps, **values}, jpegs
+
+
+def _write_tar(path: Path, samples: Iterator[tuple[str, dict[str, Any], dict[str, bytes]]],
+               ) -> None:
+    with tarfile.open(path, 'w', format=tarfile.USTAR_FORMAT) as archive:
+        for key, values, jpegs in samples:
+            files = {f'{camera}.jpg': data for camera, data in jpegs.items()}
+            for suffix, data in {**files, 'json': json.dumps(values).encode()}.items():
+                member = tarfile.TarInfo(f'{key}.{suffix}')
+                member.size = len(data)
+                archive.addfile(member, io.BytesIO(data))
+
+
+def _write_parquet(path: Path, samples: Iterator[tuple[str, dict[str, Any], dict[str, bytes]]],
+                   ) -> None:
+    pa = import_pyarrow()
+    rows: list[dict[str, Any]] = []
+    writer: Any = None
+    try:
+        for _, values, jpegs in samples:
+            stamps = {f'stamp_ns.{name}': one for name, one in values.pop('stamp_ns').items()}
+            pictures = {IMAGES + camera: data for camera, data in jpegs.items()}
+            rows.append({**values, **stamps, **pictures})
+            if len(rows) == _GROUP_ROWS:
+                writer = _write_group(pa, path, writer, rows)
+        if rows:
+            writer = _write_group(pa, path, writer, rows)
+    finally:
+        if writer:
+            writer.close()
+
+
+def _write_group(pa: Any, path: Path, writer: Any, rows: list[dict[str, Any]]) -> Any:
+    table = pa.Table.from_pylist(rows, schema=writer.schema if writer else None)
+    writer = writer or pa.parquet.ParquetWriter(path, table.schema)
+    writer.write_table(table)
+    rows.clear()
+    return writer
+
+
+def gather_samples(parts: Sequence[Path], described: Sequence[dict[str, Any]], folder: Path,
+                   ) -> None:
+    """
+    Write a set of the samples of parts: one file a bag, and what became of the bags.
+
+    :param parts: folders of the parts.
+    :param described: what their part.json says.
+    :param folder: folder of the set.
+    :raises OSError: a file cannot be written.
+    """
+    for part, content in zip(parts, described):
+        source = part / SAMPLES[content['format']]
+        shutil.copyfile(source, folder / f'{part.name}{source.suffix}')
+    (folder / BAGS).write_text(json.dumps([*described], indent=4))

@@ -1,0 +1,67 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Writing of a data set, of the parts of a conversion or of several shards."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
+from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
+from opencv_tools.datasets.part import read_part
+from opencv_tools.datasets.report import topic_lines
+from opencv_tools.datasets.shards import find_parts
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.logs import Log
+
+
+def write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
+    """
+    Write a set of parts, and log its account; return whether they fit each other.
+
+    :raises OSError: a file cannot be read or written.
+    """
+    try:
+        described = [read_part(part) for part in parts]
+        check_alike(described)
+        with replaced_folder(target) as folder:
+            merge_parts(parts, described, folder)
+    except DatasetError as err:
+        log.error(str(err))
+        return False
+    for line in topic_lines(described):
+        log.info(line)
+    episodes = [episode for part in described for episode in part['episodes']]
+    log.info(f'{printable(target, MAX_PATH)} has {len(episodes)} episodes with '
+             f'{sum(episode["length"] for episode in episodes)} rows of {len(parts)} bags')
+    return True
+
+
+def merge_shards(folders: Sequence[Path], target: Path, *, overwrite: bool, skip_failed: bool,
+                 log: Log) -> bool:
+    """
+    Write a set of what shards have written; return whether their parts fit each other.
+
+    :raises DatasetError: a shard or a bag is missing, or the target cannot be used.
+    :raises OSError: a file cannot be read or written.
+    """
+    parts, warnings = find_parts(folders, skip_failed)
+    for warning in warnings:
+        log.warning(warning)
+    with locked_parts(target):
+        check_target(target, MARKS, overwrite)
+        return write_set(parts, target, log)

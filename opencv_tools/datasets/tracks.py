@@ -1,0 +1,222 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The samples of the topics of a bag: their times, and the numbers in their messages."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.plan import NumbersSource, Plan
+from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import enumerated, printable
+from opencv_tools.units import NANO
+
+# Differences of the clocks of two topics, relative to the recording.
+_WARNING_NS, _ERROR_NS = NANO // 10, NANO // 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """
+    The samples of a topic.
+
+    :param topic: the topic.
+    :param times: (n,) increasing times in nanoseconds.
+    :param messages: (n,) number of the message of each sample among all of the topic, from 0.
+    :param values: (n, d) numbers of each sample; (n, 0) for images.
+    :param late: number of samples that are left out, because an earlier one has a later time.
+    :param offset_ns: median of the time of the recording minus the time of the sample.
+    """
+
+    topic: BagTopic
+    times: NDArray[np.int64]
+    messages: NDArray[np.int64]
+    values: NDArray[np.float64]
+    late: int
+    offset_ns: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """
+    What a plan needs of a bag, without the pixels of its images.
+
+    :param bag: the bag.
+    :param tracks: samples by name: the name of a camera, or the text of a source of numbers.
+    :param events: time in nanoseconds and value of the messages that begin and end episodes.
+    :param start_ns: time of the first message of the bag, by the clock of the samples.
+    :param warnings: sentences about the bag.
+    """
+
+    bag: Bag
+    tracks: dict[str, Track]
+    events: list[tuple[int, Any]]
+    start_ns: int
+    warnings: list[str]
+
+
+def open_bag(path: Path) -> Bag:
+    """
+    Open a bag.
+
+    :raises DatasetError: it cannot be read.
+    """
+    try:
+        return Bag(path)
+    except (ImageError, OSError) as err:
+        raise DatasetError(_reason(err)) from err
+
+
+def find_topic(bag: Bag, name: str, images: bool = False) -> BagTopic:
+    """
+    Find a topic of a bag by its name.
+
+    :param images: whether it must have images.
+    :raises DatasetError: there is no such topic, or it cannot be read.
+    """
+    found = [topic for topic in bag.topics if topic.name == name and topic.serialization == CDR
+             and (topic.has_images or not images)]
+    if len(found) != 1:
+        known = sorted(printable(f'{topic.name} ({topic.type_name})') for topic in bag.topics
+                       if topic.has_images or not images)
+        kind = 'topic of images' if images else 'topic'
+        raise DatasetError(
+            f'there is no {kind} {printable(name)}; there is {enumerated(known, 20) or "none"}'
+            if not found else f'{printable(name)} has messages of {len(found)} types')
+    return found[0]
+
+
+def resolved(plan: Plan, path: Path) -> Plan:
+    """
+    Return a plan that has the names of all numbers, as the first messages of a bag have them.
+
+    :raises DatasetError: a topic has no message, or no such numbers.
+    """
+    bag = open_bag(path)
+    names = {source: source.names or _first_names(bag, source) for source in plan.sources}
+    vectors = tuple((key, tuple(NumbersSource(source.topic, source.path, names[source])
+                                for source in sources)) for key, sources in plan.vectors)
+    return Plan(**{**vars(plan), 'vectors': vectors})
+
+
+def _first_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
+    topic = find_topic(bag, source.topic)
+    with closing(bag):
+        return first_names(bag.messages([topic]), topic, source)
+
+
+def _track(samples: Samples, plan: Plan, name: str) -> Track:
+    """Return the samples in the order of their times; see `Samples.times`."""
+    times = samples.times(plan.clock, name)
+    newest = np.maximum.accumulate(times)
+    kept = np.concatenate(([True], times[1:] > newest[:-1]))
+    values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)
+    return Track(topic=samples.topic, times=times[kept], messages=integers(samples.places)[kept],
+                 values=values[kept], late=int(np.count_nonzero(~kept)),
+                 offset_ns=int(np.median(integers(samples.logs) - times)))
+
+
+def read_recording(bag: Bag, plan: Plan) -> Recording:
+    """
+    Read the times and numbers of a bag.
+
+    :param bag: the bag.
+    :param plan: plan with the names of all numbers.
+    :raises DatasetError: a topic, a field or a name is missing, or the times cannot be used.
+    """
+    samples = {name: Samples(find_topic(bag, topic, images=True)) for name, topic in plan.images}
+    for source in plan.sources:
+        topic = find_topic(bag, source.topic)
+        samples[str(source)] = Samples(topic, source)
+    events = None
+    if plan.episodes:
+        topic = find_topic(bag, plan.episodes.topic)
+        events = Samples(topic, plan.episodes, events=[])
+    damages = _read(bag, [*samples.values(), *([events] if events else [])])
+    warnings = [*bag.warnings]
+    if damages:
+        warnings.append(f'{damages} parts of the bag cannot be read')
+    tracks = {name: _track(one, plan, name) for name, one in samples.items()}
+    warnings += [f'{name}: {one.damaged} messages cannot be read'
+                 for name, one in samples.items() if one.damaged]
+    warnings += [f'{name}: {track.late} messages are left out, because their times are not later '
+                 'than those before them' for name, track in tracks.items() if track.late]
+    warnings += _clock_warnings(tracks)
+    offset = int(np.median([track.offset_ns for track in tracks.values()]))
+    return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, offset) if events else [],
+                     start_ns=bag.first_ns - offset, warnings=warnings)
+
+
+def _read(bag: Bag, samples: list[Samples]) -> int:
+    """Read the messages of a bag once; return the number of its damages."""
+    by_topic: dict[BagTopic, list[Samples]] = {}
+    for one in samples:
+        by_topic.setdefault(one.topic, []).append(one)
+    damages = 0
+    try:
+        with closing(bag):
+            for item in bag.messages(by_topic.keys()):
+                if isinstance(item, Damage):
+                    damages += 1
+                    continue
+                for one in by_topic[item.topic]:
+                    _add(one, item)
+    except (ImageError, OSError) as err:
+        raise DatasetError(_reason(err)) from err
+    return damages
+
+
+def _add(samples: Samples, item: BagMessage) -> None:
+    try:
+        samples.add(item)
+    except DatasetError as err:
+        raise DatasetError(f'message {samples.count} of {printable(item.topic.name)}: {err}'
+                           ) from err
+
+
+def _clock_warnings(tracks: dict[str, Track]) -> list[str]:
+    """
+    Return a sentence about clocks that differ a little.
+
+    :raises DatasetError: they differ a lot.
+    """
+    offsets = {name: track.offset_ns for name, track in tracks.items()}
+    first, last = min(offsets, key=offsets.__getitem__), max(offsets, key=offsets.__getitem__)
+    difference = offsets[last] - offsets[first]
+    text = (f'the stamps of {first} are {difference / NANO:.3f} s ahead of those of {last}, '
+            'compared with the times of the recording')
+    if difference > _ERROR_NS:
+        raise DatasetError(f'{text}: they have two clocks; {LOG_REMEDY}')
+    return [text] if difference > _WARNING_NS else []
+
+
+def _timed(events: Samples, plan: Plan, offset: int) -> list[tuple[int, Any]]:
+    has_stamp = plan.clock == 'stamp' and events.reader and events.reader.has_stamp
+    times = (events.times('stamp', str(plan.episodes)).tolist() if has_stamp and events.logs else
+             [log - offset for log in events.logs])
+    return sorted(zip(times, events.events or []), key=lambda pair: pair[0])
+
+
+def _reason(err: Exception) -> str:
+    return str(err.strerror if isinstance(err, OSError) and err.strerror else err)

@@ -1,0 +1,188 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Videos of a data set: H.264 in MP4, with frame k exactly at k / fps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.recording.errors import VideoError
+from opencv_tools.recording.video.frame import to_video_frame
+from opencv_tools.recording.video.writer import check_video
+
+# PyAV is imported in functions, because the import is slow.
+
+CODEC, PIXELS = 'h264', 'yuv420p'
+#: Frames from one key frame to the next. Training reads single frames, so few are decoded for one.
+KEY_INTERVAL = 2
+PRESET = 'superfast'
+_KEY_FRAME = 1  # AV_PICTURE_TYPE_I
+
+
+class VideoFileWriter:
+    """Writer of a video of one camera."""
+
+    def __init__(self, path: Path, fps: int, crf: int, threads: int = 1) -> None:
+        """
+        Create the file; the first frame decides on the size.
+
+        :param fps: frames of a second.
+        :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest).
+        :param threads: threads of the encoder.
+        :raises DatasetError: PyAV or its encoder is missing.
+        """
+        try:
+            check_video()
+        except VideoError as err:
+            raise DatasetError(str(err)) from err
+        import av
+        self._container: Any = av.open(str(path), 'w', format='mp4')
+        self._stream = self._container.add_stream('libx264', rate=fps, options={
+            'preset': PRESET, 'crf': str(crf), 'g': str(KEY_INTERVAL), 'bf': '0',
+            'forced-idr': '1', 'sc_threshold': '0', 'threads': str(threads),
+            'colorspace': 'smpte170m', 'color_range': 'tv'})
+        self._fps, self._frames = fps, 0
+        self._last: tuple[int, Any] = -1, None
+
+    def write(self, number: int, image: NDArray[np.uint8], is_first: bool) -> None:
+        """
+        Write a frame.
+
+        :param number: number of the picture; that of the last frame for the same one again.
+        :param image: (h, w, 3) array in BGR; its size is that of the first frame.
+        :param is_first: whether an episode begins.
+        :raises DatasetError: the frame cannot be encoded.
+        """
+        import av
+        try:
+            if number != self._last[0]:
+                self._last = number, to_video_frame(image, 'bgr8', '.mp4').frame
+            frame = self._last[1]
+            if not self._frames:
+                context = self._stream.codec_context
+                context.width, context.height = frame.width, frame.height
+                context.pix_fmt = frame.format.name
+                context.time_base = Fraction(1, self._fps)
+            frame.pts, frame.time_base = self._frames, Fraction(1, self._fps)
+            frame.pict_type = _KEY_FRAME if is_first else 0
+            self._frames += 1
+            self._container.mux(self._stream.encode(frame))
+        except (VideoError, av.error.FFmpegError, ValueError) as err:
+            size = f'{image.shape[1]}x{image.shape[0]}'
+            raise DatasetError(f'a picture of {size} cannot be encoded: {printable(err)}') from err
+
+    def close(self) -> None:
+        """
+        Finish the file.
+
+        :raises OSError: the file cannot be written.
+        """
+        if self._frames:
+            self._container.mux(self._stream.encode(None))
+        self._container.close()
+
+    def abandon(self) -> None:
+        """Close the file without finishing it."""
+        with suppress(Exception):
+            self._container.close()
+
+
+def join_videos(sources: Sequence[Path], target: Path) -> None:
+    """
+    Join videos of one size and rate without encoding them again.
+
+    :raises DatasetError: a file is no video of this package.
+    :raises OSError: a file cannot be read or written.
+    """
+    import av
+    try:
+        with av.open(str(target), 'w', format='mp4') as output:
+            stream: Any = None
+            frames = 0
+            for source in sources:
+                with av.open(str(source)) as container:
+                    found: Any = container.streams.video[0]
+                    stream = stream or _copied_stream(output, found)
+                    tick = Fraction(1) / (found.average_rate * found.time_base)
+                    for packet in container.demux(found):
+                        if packet.size:
+                            packet.pts = packet.dts = round(frames * tick)
+                            packet.stream = stream
+                            output.mux(packet)
+                            frames += 1
+    except (av.error.FFmpegError, IndexError, TypeError, ZeroDivisionError) as err:
+        if isinstance(err, OSError) and err.errno and err.errno > 0:
+            raise
+        raise DatasetError(f'{printable(target, MAX_PATH)} cannot be joined: {printable(err)}'
+                           ) from err
+
+
+def stream_settings(path: Path) -> bytes:
+    """
+    Return bytes that are equal for videos that can be joined.
+
+    :raises DatasetError: the file is no video.
+    """
+    import av
+    try:
+        with av.open(str(path)) as container:
+            context: Any = container.streams.video[0].codec_context
+            return bytes(context.extradata or b'')
+    except (av.error.FFmpegError, IndexError) as err:
+        raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {printable(err)}') from err
+
+
+def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
+    """
+    Yield the time in seconds and the ``av.VideoFrame`` of each frame of a video.
+
+    :raises DatasetError: the file is no video, or is damaged.
+    """
+    import av
+    try:
+        with av.open(str(path)) as container:
+            stream: Any = container.streams.video[0]
+            stream.thread_type = 'AUTO'
+            for frame in container.decode(stream):
+                if frame.pts is None or frame.is_corrupt:
+                    raise DatasetError(f'{printable(path.name)} has a damaged frame')
+                yield frame.pts * Fraction(frame.time_base), frame
+    except (av.error.FFmpegError, IndexError) as err:
+        raise DatasetError(f'{printable(path.name)} is no video, or is damaged: {printable(err)}'
+                           ) from err
+
+
+def frame_luma(frame: Any) -> NDArray[np.uint8]:
+    """Return the brightness of a frame of 8 bits with the range of TV, (h, w), from 0 to 255."""
+    plane = frame.planes[0]
+    rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:, :plane.width]
+    return np.clip((rows.astype(np.float32) - 16) * (255 / 219), 0, 255).astype(np.uint8)
+
+
+def _copied_stream(output: Any, template: Any) -> Any:
+    if hasattr(output, 'add_stream_from_template'):
+        stream = output.add_stream_from_template(template)
+    else:  # PyAV 12
+        stream = output.add_stream(template=template)
+    stream.time_base = template.time_base
+    return stream

@@ -1,0 +1,164 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bags of a source, and their conversion by processes, one of which is killed."""
+
+from __future__ import annotations
+
+from multiprocessing import forkserver
+import os
+from pathlib import Path
+import shutil
+import signal
+from threading import Event
+import time
+
+from conftest import DEADLINE
+from dataset_bags import Drive
+from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
+from opencv_tools.convert.cli import main
+from opencv_tools.datasets import lerobot_rows
+from opencv_tools.datasets.camera_video import Camera, Work, write_video
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.jobs import convert_here, find_jobs
+from opencv_tools.datasets.part import read_part
+from opencv_tools.datasets.plan import NumbersSource, Plan, STATE
+from opencv_tools.datasets.tracks import Track
+import pytest
+
+PLAN = Plan(fps=30, images=(('front', '/cam0/image_raw/compressed'),), vectors=(
+    (STATE, (NumbersSource('/joint_states', ('position',), ('shoulder', 'elbow', 'wrist')),)),))
+Errors = pytest.CaptureFixture[str]
+
+
+def names(source: object, folder: Path) -> list[str]:
+    return [job.name for job in find_jobs(str(source), folder / 'parts')]
+
+
+def test_bags_of_a_file_a_folder_and_a_pattern(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = Drive(seconds=0.1).write(tmp_path / 'run2.mcap')
+    Drive(seconds=0.1).write(tmp_path / 'day/run10')  # SQLite, a folder of rosbag2
+    for name in ('run10.mcap', 'day/x[1].mcap', '.hidden/y.mcap', '.z.mcap'):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(bag, tmp_path / name)
+    (tmp_path / 'link').symlink_to(tmp_path)
+    assert names(bag, tmp_path) == ['run2.mcap']
+    assert names(tmp_path / 'day/run10', tmp_path) == ['run10']
+    assert names(tmp_path, tmp_path) == ['day/run10', 'day/x[1].mcap', 'run2.mcap', 'run10.mcap']
+    assert names(tmp_path / 'run*', tmp_path) == ['run2.mcap', 'run10.mcap']
+    # A folder of rosbag2 and its file are one bag.
+    assert names(tmp_path / 'day/**', tmp_path) == ['run10', 'x[1].mcap']
+    assert names(tmp_path / 'day/x[1].mcap', tmp_path) == ['x[1].mcap']
+    monkeypatch.setenv('HOME', str(tmp_path))
+    assert names('~/run2.mcap', tmp_path) == ['run2.mcap']
+    for source in ('~nobody-here/a', tmp_path / 'no*', tmp_path / '.hidden/no'):
+        with pytest.raises(DatasetError, match='is no bag, and has none: give a file'):
+            names(source, tmp_path)
+
+
+def workers() -> list[int]:
+    """Return the processes of the server that begins workers."""
+    server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+    children = Path(f'/proc/{server}/task/{server}/children').read_text().split()
+    return [int(pid) for pid in children]
+
+
+@pytest.mark.process
+def test_killed_worker_costs_no_bag(tmp_path: Path) -> None:
+    drive = Drive(seconds=1)
+    for number in range(5):
+        drive.write(tmp_path / f'bags/{number}.mcap')
+    jobs = find_jobs(str(tmp_path / 'bags'), tmp_path / 'parts')
+    found = []
+    for job, error in convert_here(jobs, PLAN, 2):
+        found.append((job.name, error))
+        if len(found) == 1:
+            os.kill(workers()[-1], signal.SIGKILL)
+    assert sorted(found) == [(job.name, '') for job in jobs]
+    assert {read_part(job.folder)['episodes'][0]['length'] for job in jobs} == {30}
+
+
+@pytest.mark.process
+def test_bag_that_kills_its_worker_costs_only_this_bag(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(3):
+        Drive(seconds=5 if number == 1 else 0.1).write(tmp_path / f'bags/{number}.mcap')
+    jobs = find_jobs(str(tmp_path / 'bags'), tmp_path / 'parts')
+    found = {}
+    for job, error in convert_here(jobs, Plan(**{**vars(PLAN), 'fps': 1000}), 2):
+        found[job.name] = error
+        deadline = time.monotonic() + DEADLINE
+        while len(found) < 3 and '1.mcap' not in found and len(found) >= 1:
+            begun = [*tmp_path.glob('parts/.1.mcap-*/front.mp4')]
+            if begun or time.monotonic() > deadline:
+                for pid in workers():
+                    os.kill(pid, signal.SIGKILL)
+                break
+            time.sleep(0.01)
+    assert found['0.mcap'] == found['2.mcap'] == ''
+    assert found['1.mcap'] in ('', 'its process was killed, perhaps for want of memory')
+
+
+@pytest.mark.process
+def test_processes_write_the_same_set(tmp_path: Path, capsys: Errors) -> None:
+    for number in range(3):
+        Drive(seconds=0.2).write(tmp_path / f'bags/{number}.mcap')
+    (tmp_path / 'bags/1b.mcap').write_bytes(b'no bag')
+    assert convert(tmp_path / 'bags', tmp_path / 'set', *USUAL, '--jobs', 2, '--skip-failed') == 1
+    errors = capsys.readouterr().err
+    assert errors.count('img_convert: error: ') == 1 and '1b.mcap: ' in errors
+    assert main(['--check', str(tmp_path / 'set')]) == 0
+    assert numbers_of(tmp_path / 'set') == [*range(6)] * 3
+
+
+def test_dry_run_lists_all_topics_and_writes_nothing(tmp_path: Path, capsys: Errors) -> None:
+    for name in 'ab':
+        Drive(seconds=1, lost=frozenset({3})).write(tmp_path / f'bags/{name}.mcap')
+    (tmp_path / 'bags/c.mcap').write_bytes(b'no bag')
+    before = sorted(tmp_path.rglob('*'))
+    assert convert(tmp_path / 'bags', tmp_path / 'set', *CAMERA, *JOINTS_STATE, '--action', 'next',
+                   '--dry-run') == 1
+    shown, errors = capsys.readouterr()
+    assert sorted(tmp_path.rglob('*')) == before
+    assert 'error: c.mcap: ' in errors
+    assert shown.startswith("""\
+a.mcap: 29 rows in 1 episodes
+  /arm/command (sensor_msgs/msg/JointState, 101): not used
+  /cam0/image_raw/compressed (sensor_msgs/msg/CompressedImage, 29): observation.images.front
+  /joint_states (sensor_msgs/msg/JointState, 101): observation.state (shoulder, elbow, wrist)
+  action: the state of the next row
+  front: 28 samples used, 1 rows repeat one, 0 dropped; from sample to row 0.0 ms in the median, \
+33.3 ms at most
+""")
+
+
+def test_videos_end_when_one_of_them_fails_or_the_command_ends(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Errors) -> None:
+    bag = Drive(seconds=0.2).write(tmp_path / 'a.mcap')
+    ended, begun = [], Event()
+
+    def fail_or_wait(work: Work, name: str, track: Track) -> Camera:
+        if name == 'front':
+            begun.wait(DEADLINE)
+            raise DatasetError('it fails')
+        begun.set()
+        ended.append(work.ended.wait(DEADLINE))
+        return write_video(work, name, track)
+
+    monkeypatch.setattr(lerobot_rows, 'write_video', fail_or_wait)
+    assert convert(bag, tmp_path / 'set', *CAMERA, '--image', 'b=/cam0/image_raw/compressed',
+                   '--jobs', 2) == 1
+    assert ended == [True]
+    assert 'a.mcap: it fails' in capsys.readouterr().err

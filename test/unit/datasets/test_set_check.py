@@ -1,0 +1,312 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Check of data sets: right ones pass, each single damage is named in a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+from pathlib import Path
+import re
+import shutil
+from typing import Any
+
+import av
+from dataset_bags import Drive
+from dataset_sets import convert, FRONT, info_of, USUAL
+from hypothesis import given, HealthCheck, settings, strategies as st
+import numpy as np
+from opencv_tools.convert.cli import main
+from opencv_tools.datasets import set_reader
+from opencv_tools.datasets.check import row_problems
+from opencv_tools.datasets.check_videos import video_problems
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.set_reader import SetReader
+from opencv_tools.datasets.videos import VideoFileWriter
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+DATA = 'data/chunk-000/file-000.parquet'
+VIDEO = f'videos/{FRONT}/chunk-000/file-000.mp4'
+EPISODES = 'meta/episodes/chunk-000/file-000.parquet'
+PRINTS = 'meta/opencv_tools/fingerprints.parquet'
+Errors = pytest.CaptureFixture[str]
+Change = Callable[[Path], object]
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a set of two episodes of 30 rows."""
+    folder = tmp_path_factory.mktemp('made')
+    for name in ('a', 'b'):
+        Drive(seconds=1).write(folder / f'bags/{name}.mcap')
+    assert convert(folder / 'bags', folder / 'set', *USUAL) == 0
+    return folder / 'set'
+
+
+@pytest.fixture
+def copied(made: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(made, tmp_path / 'set')
+
+
+def rewrite(name: str, change: Callable[[Any], Any]) -> Change:
+    """Return a damage of a table."""
+    return lambda folder: pq.write_table(change(pq.read_table(folder / name)), folder / name)
+
+
+def cell(column: str, row: int, value: Any) -> Callable[[Any], Any]:
+    def change(table: Any) -> Any:
+        values = table.column(column).to_pylist()
+        values[row] = value
+        place = table.column_names.index(column)
+        return table.set_column(place, table.schema.field(column), pa.array(
+            values, table.schema.field(column).type))
+    return change
+
+
+def change_json(name: str, *keys: str, value: Any) -> Change:
+    def change(folder: Path) -> None:
+        content = inner = json.loads((folder / name).read_text())
+        for key in keys[:-1]:
+            inner = inner[key]
+        inner[keys[-1]] = value
+        (folder / name).write_text(json.dumps(content))
+    return change
+
+
+def frames(order: Callable[[list[Any]], list[Any]], fps: int = 30) -> Change:
+    """Return a damage of a video: its frames in another order, or at other times."""
+    def change(folder: Path) -> None:
+        with av.open(str(folder / VIDEO)) as container:
+            images = [one.to_ndarray(format='bgr24') for one in container.decode(video=0)]
+        writer = VideoFileWriter(folder / VIDEO, fps, 23)
+        for number, image in enumerate(order(images)):
+            writer.write(number, np.ascontiguousarray(image), number == 0)
+        writer.close()
+    return change
+
+
+def swapped(images: list[Any]) -> list[Any]:
+    images[10], images[11] = images[11], images[10]
+    return images
+
+
+def text(name: str, content: str) -> Change:
+    return lambda folder: (folder / name).write_text(content)
+
+
+DAMAGES: dict[str, tuple[Change, str]] = {
+    'row removed': (rewrite(DATA, lambda table: pa.concat_tables(
+        [table.slice(0, 7), table.slice(8)])), 'row 7 has index 8, not 7'),
+    'last row removed': (rewrite(DATA, lambda table: table.slice(0, 59)),
+                         'there are 59 rows, but the episodes have 60'),
+    'no rows': (rewrite(DATA, lambda table: table.slice(0, 0)), 'there are 0 rows'),
+    'nan': (rewrite(DATA, cell('observation.state', 5, [1.0, np.nan, 0.0])),
+            '1 values of observation.state that are not finite in rows from 0 on'),
+    'null': (rewrite(DATA, cell('observation.state', 5, None)), 'file-000.parquet cannot be read'),
+    'timestamp': (rewrite(DATA, cell('timestamp', 5, 0.2)),
+                  '1 timestamps that are not frame_index / fps'),
+    'task number': (rewrite(DATA, cell('task_index', 5, 1)), '1 task numbers without a task'),
+    'column': (rewrite(DATA, lambda table: table.drop_columns(['action'])),
+               'differ in the columns action'),
+    'column twice': (rewrite(DATA, lambda table: table.append_column(
+        'action', table.column('action'))), 'has 2 columns action, not one'),
+    'column type': (rewrite(DATA, lambda table: table.set_column(
+        table.column_names.index('action'), 'action', table.column('action').cast(
+            pa.list_(pa.float64(), 3)))), '180 values of action that are float64, not float32'),
+    'text in a column': (rewrite(DATA, lambda table: table.set_column(
+        table.column_names.index('action'), 'action', pa.array(['a'] * 60))), 'action has'),
+    'frames swapped': (frames(swapped), '1 frames show the picture of the row after theirs, the '),
+    'frame missing': (frames(lambda images: images[:-1]),
+                      'it has 59 frames, but its episodes have 60 rows'),
+    'frames shifted': (frames(lambda images: [images[0], *images[:-1]]),
+                       'frames show the picture of the row before theirs, the first is '),
+    'frame black': (frames(lambda images: [*images[:9], images[9] * 0, *images[10:]]),
+                    '1 frames differ from the pictures of the bag, the first is 9'),
+    'frame rate': (frames(list, 29), '59 frames are not at k / 30 s'),
+    'frame size': (frames(lambda images: [image[:100] for image in images]),
+                   'frame 0 has 160x100 pixels, not 160x120'),
+    'video cut': (lambda folder: (folder / VIDEO).write_bytes(
+        (folder / VIDEO).read_bytes()[:-900]), 'is no video, or is damaged'),
+    'no video': (lambda folder: (folder / VIDEO).unlink(), 'file-000.mp4'),
+    'video a folder': (lambda folder: ((folder / VIDEO).unlink(), (folder / VIDEO).mkdir()),
+                       'file-000.mp4'),
+    'prints': (rewrite(PRINTS, lambda table: table.slice(1)), '59 pictures of observation.images'),
+    'stats': (change_json('meta/stats.json', 'action', 'mean', value=[1, 2, 3]),
+              'stats.json has another mean of action than the rows'),
+    'stats huge': (change_json('meta/stats.json', 'action', 'max', value=[10**400] * 3),
+                   'has another max of action'),
+    'stats missing': (change_json('meta/stats.json', FRONT, value=3),
+                      f'has no statistics of {FRONT}'),
+    'count': (change_json('meta/stats.json', 'action', 'count', value=[59]), 'another count'),
+    'frames': (change_json('meta/info.json', 'total_frames', value=61),
+               'has total_frames 61, but the episodes have 60'),
+    'tasks': (change_json('meta/info.json', 'total_tasks', value=2), 'has total_tasks 2, but'),
+    'episodes': (change_json('meta/info.json', 'total_episodes', value='2'), 'total_episodes 2'),
+    'splits': (change_json('meta/info.json', 'splits', value=5), 'has splits 5, but'),
+    'fps': (change_json('meta/info.json', 'fps', value=True), 'has fps True, not an integer'),
+    'path': (change_json('meta/info.json', 'data_path', value='../set/data.parquet/../../../x'),
+             'data_path in meta/info.json is ../set.* not the path of a file in the set'),
+    'zero byte': (change_json('meta/info.json', 'video_path', value='a\0b'), 'video_path in '),
+    'dtype': (change_json('meta/info.json', 'features', 'action', 'dtype', value='int64'),
+              '90 values of action that are float32, not int64'),
+    'shape': (change_json('meta/info.json', 'features', 'action', 'shape', value=[2]),
+              'action has 90 numbers in 30 rows, but its shape is'),
+    'no index': (change_json('meta/info.json', 'features', 'index', 'dtype', value='int8'),
+                 'has the feature index of int8'),
+    'version': (change_json('meta/info.json', 'codebase_version', value='v2.1'),
+                'has codebase_version v2.1, not v3.0'),
+    'list': (text('meta/info.json', '[1]'), 'info.json has no object of JSON'),
+    'no json': (text('meta/info.json', '{"a'), 'info.json cannot be read'),
+    'deep json': (text('meta/stats.json', '[' * 10**5), 'stats.json cannot be read'),
+    'episode length': (rewrite(EPISODES, cell('length', 1, 29)), 'has total_frames 60, but'),
+    'episode begin': (rewrite(EPISODES, cell(f'videos/{FRONT}/from_timestamp', 1, 1.5)),
+                      'episode 1 has from_timestamp 1.5, not 1.0'),
+    'episode nan': (rewrite(EPISODES, cell(f'videos/{FRONT}/to_timestamp', 1, np.nan)),
+                    'to_timestamp nan'),
+    'episode negative': (rewrite(EPISODES, cell('data/file_index', 1, -1)), 'file_index -1'),
+    'episode column': (rewrite(EPISODES, lambda table: table.drop_columns(['length'])),
+                       'has 0 columns length, not one'),
+    'no episodes': (rewrite(EPISODES, lambda table: table.slice(0, 0)), 'has no episode'),
+    'not parquet': (text(DATA, 'PAR1 no'), 'file-000.parquet cannot be read'),
+    'task table': (rewrite('meta/tasks.parquet', cell('task_index', 0, 4)), 'does not number its'),
+}
+
+
+def test_right_set_passes(made: Path, capsys: Errors) -> None:
+    assert main(['--check', str(made)]) == 0
+    assert capsys.readouterr().err.endswith(
+        f'is complete: 2 episodes, 60 rows, {FRONT}; the pictures are compared with the bags\n')
+
+
+def test_right_set_of_others_passes(copied: Path, capsys: Errors) -> None:
+    shutil.rmtree(copied / 'meta/opencv_tools')
+    change_json('meta/info.json', 'splits', value={'test': '0:2'})(copied)
+    assert main(['--check', str(copied)]) == 0
+    assert 'not compared with their origin, which is unknown' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('crf', [0, 51])
+def test_pictures_of_any_quality_are_recognised(crf: int, tmp_path: Path) -> None:
+    bag = Drive(seconds=1).write(tmp_path / 'a.mcap')
+    assert convert(bag, tmp_path / 'set', *USUAL, '--crf', crf) == 0
+    assert main(['--check', str(tmp_path / 'set')]) == 0
+
+
+@pytest.mark.parametrize('name', DAMAGES)
+def test_damage_is_named(name: str, copied: Path, capsys: Errors) -> None:
+    damage, reason = DAMAGES[name]
+    damage(copied)
+    assert main(['--check', str(copied)]) == 1
+    *problems, last = capsys.readouterr().err.splitlines()
+    assert any(re.search(reason, line) for line in problems), problems
+    assert all(line.startswith('img_convert: error: ') for line in problems)
+    assert re.search(r'set has \d+ errors$', last)
+
+
+def test_large_row_group_is_refused(
+        copied: Path, capsys: Errors, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Equal numbers need few bytes in the file, but not in memory.
+    rewrite(DATA, lambda table: pa.table({name: table.column(name).take(
+        [0] * 20_000) for name in table.column_names}))(copied)
+    assert (copied / DATA).stat().st_size < 20_000
+    monkeypatch.setattr(set_reader, '_MAX_GROUP', 1 << 20)
+    assert main(['--check', str(copied)]) == 1
+    assert 'has a row group of ' in capsys.readouterr().err
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers(-10**30, 10**30) | st.floats() | st.text(max_size=5)
+    | st.sampled_from(['v3.0', 'video', 'float32', '../a', '{video_key}', '\0', '\ud800',
+                       'a' * 300]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(
+        st.sampled_from(['dtype', 'shape', 'index', 'action', 'train', 'é']), inner, max_size=3),
+    max_leaves=6)
+
+
+def problems_of(folder: Path) -> list[str]:
+    """Return the problems of a set; no other exception than a DatasetError is allowed."""
+    try:
+        reader = SetReader(folder)
+        episodes = reader.episodes()
+        return [*row_problems(reader, episodes), *video_problems(reader, episodes)]
+    except DatasetError as err:
+        return [str(err)]
+
+
+@settings(max_examples=60, deadline=None,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_value_in_json_is_too_hostile(made: Path, tmp_path: Path, data: st.DataObject) -> None:
+    folder = tmp_path / 'set'
+    if not folder.exists():
+        shutil.copytree(made, folder)
+        (folder / VIDEO).unlink()
+    name = data.draw(st.sampled_from(['info', 'info', 'stats']))
+    original = json.loads((made / f'meta/{name}.json').read_text())
+    content = inner = json.loads(json.dumps(original))
+    for _ in range(data.draw(st.integers(0, 3))):
+        if isinstance(inner, dict) and inner:
+            parent, key = inner, data.draw(st.sampled_from(sorted(inner)))
+            inner = inner[key]
+    if content is inner:
+        content = data.draw(json_values)
+    else:
+        parent[key] = data.draw(json_values)
+    (folder / f'meta/{name}.json').write_text(json.dumps(content))
+    problems = problems_of(folder)
+    (folder / f'meta/{name}.json').write_text(json.dumps(original))
+    assert problems and all('\n' not in line and line.isprintable() for line in problems)
+
+
+columns = st.sampled_from([
+    pa.int64(), pa.float64(), pa.string(), pa.bool_(), pa.list_(pa.float32()), pa.binary(),
+    pa.timestamp('ns'), pa.decimal128(5), pa.uint64(), pa.dictionary(pa.int32(), pa.string())])
+
+
+@settings(max_examples=50, deadline=None,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_no_table_is_too_hostile(made: Path, tmp_path: Path, data: st.DataObject) -> None:
+    folder = tmp_path / 'set'
+    if not folder.exists():
+        shutil.copytree(made, folder)
+    name = data.draw(st.sampled_from([DATA, EPISODES, PRINTS, 'meta/tasks.parquet']))
+    table = pq.read_table(made / name)
+    column = data.draw(st.sampled_from([
+        one for one in table.column_names if not one.startswith('stats/')]))
+    kind = data.draw(columns)
+    values = data.draw(st.lists(st.sampled_from([None, 0, 1, 7]), min_size=table.num_rows,
+                                max_size=table.num_rows))
+    made_of = {'string': str, 'binary': lambda one: bytes(one), 'bool': bool,
+               'list<': lambda one: [float(one)], 'dict': str}
+    form = next((call for start, call in made_of.items() if str(kind).startswith(start)), int)
+    array = pa.array([None if one is None else form(one) for one in values], kind)
+    changed = table.set_column(table.column_names.index(column), column, array)
+    pq.write_table(changed, folder / name)
+    problems = problems_of(folder)
+    shutil.copy(made / name, folder / name)
+    assert all('\n' not in line and line.isprintable() for line in problems)
+    # Only texts of tasks, numbers of the table itself, and the same number 0 may be replaced.
+    assert problems or changed.equals(table) or column.startswith(('task', 'meta/'))
+
+
+def test_names_of_a_hostile_set_are_printable(copied: Path, capsys: Errors) -> None:
+    info = info_of(copied)
+    info['features']['\x1b[31m<b>\n'] = {'dtype': 'float32', 'shape': [1], 'names': None}
+    (copied / 'meta/info.json').write_text(json.dumps(info))
+    assert main(['--check', str(copied)]) == 1
+    assert r'\x1b[31m<b>\n' in capsys.readouterr().err

@@ -1,0 +1,362 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bags with faults through the whole command: the right rows and pictures, or a clear error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import count, takewhile
+from pathlib import Path
+import re
+
+import cv2
+from dataset_bags import (
+    BEGAN, Drive, joint_values, joints_entry, jpeg_entry, NANO, numbered_picture, plain_entry,
+    with_definitions)
+from dataset_sets import (
+    CAMERA, check_rows, convert, info_of, JOINTS_STATE, numbers_of, rows_of, stamps_of, USUAL)
+import numpy as np
+from opencv_tools.image.cdr import image_to_cdr, WireHeader
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.video.encoder import VideoEncoder
+from opencv_tools.video.messages import FFMPEG_PACKET, video_to_cdr
+from opencv_tools.video.settings import VideoSettings
+from played_bags import Entry, write_mcap
+import pytest
+
+S = NANO
+TOPIC = '/cam0/image_raw/compressed'
+Errors = pytest.CaptureFixture[str]
+
+
+def row_times(start: int, end: int, fps: int) -> Iterator[int]:
+    return takewhile(lambda one: one <= end, (start + row * S // fps for row in count()))
+
+
+def expected(times: dict[int, int], first_ns: int = BEGAN, last_ns: int = 1 << 62, fps: int = 30,
+             nearest: bool = False) -> tuple[int, list[int]]:
+    """Return the time of the first row, and the number of the picture of each by a search."""
+    newest: dict[int, int] = {}
+    for number, time_ns in times.items():  # in the order of the bag; late ones are left out
+        if not newest or time_ns > max(newest.values()):
+            newest[number] = time_ns
+    start, end = max(first_ns, min(newest.values())), min(last_ns, max(newest.values()))
+    if not nearest:  # rows begin later, until 99 of 100 nearest pictures are before them
+        late = []
+        for time_ns in row_times(start, end, fps):
+            distance = min((one - time_ns for one in newest.values()), key=abs)
+            late += [distance] if abs(distance) <= S // fps // 2 else []
+        delay = sorted(late)[-1 - len(late) // 100] if late else 0
+        start += delay if delay > 1000 else 0
+    found = []
+    for time_ns in row_times(start, end, fps):
+        found.append(
+            min(newest, key=lambda one: abs(newest[one] - time_ns)) if nearest else
+            max((one for one in newest if newest[one] <= time_ns + 1000),
+                key=newest.__getitem__))
+    return start, found
+
+
+def converted(folder: Path, drive: Drive, *words: object, fps: int = 30, suffix: str = '.mcap',
+              status: int = 0) -> Path:
+    assert convert(drive.write(folder / f'bag{suffix}'), folder / 'set', *words, fps=fps) == status
+    return folder / 'set'
+
+
+def refused(folder: Path, drive: Drive, errors: Errors, *words: object) -> str:
+    """Return the error of a bag of which nothing may be written."""
+    bag = drive.write(folder / 'bad.mcap')
+    assert convert(bag, folder / 'set', *words) in (1, 2)
+    text = errors.readouterr().err
+    assert 'Traceback' not in text and not (folder / 'set').exists()
+    return text
+
+
+@pytest.mark.parametrize(('drive', 'words', 'fps', 'suffix'), [
+    (Drive(), (), 30, '.mcap'),
+    (Drive(), (), 30, ''),  # SQLite
+    (Drive(lost=frozenset({7, 8, 9, 30, 31, 58})), (), 30, '.mcap'),
+    (Drive(jitter_ns=12_000_000), (), 30, '.mcap'),
+    (Drive(jitter_ns=12_000_000, lost=frozenset({5})), ('--align-images', 'nearest'), 30, '.mcap'),
+    (Drive(first=21), (), 30, '.mcap'),
+    (Drive(), (), 10, '.mcap'),
+    (Drive(), (), 77, '.mcap'),
+    (Drive(seconds=0.3), (), 1000, '.mcap')],
+    ids=('right', 'sqlite', 'lost', 'jitter', 'nearest', 'late', 'slow', 'uneven',
+         'fast'))
+def test_every_row_has_its_picture_and_joints(
+        drive: Drive, words: tuple[str, ...], fps: int, suffix: str, tmp_path: Path) -> None:
+    folder = converted(tmp_path, drive, *USUAL, *words, fps=fps, suffix=suffix)
+    times = {number: drive.picture_ns(number) for number in range(drive.first, int(
+        30 * drive.seconds)) if number not in drive.lost}
+    last_ns = BEGAN + round(drive.seconds * S)
+    numbers = check_rows(folder, drive.picture_ns)
+    start, pictures = expected(times, BEGAN, last_ns, fps, 'nearest' in words)
+    assert numbers == pictures
+    row_ns = [start + row * S // fps for row in range(len(numbers))]
+    assert stamps_of(folder, '/joint_states.position') == [
+        one - (one - BEGAN) % (S // 100) for one in row_ns]
+    rows = rows_of(folder)
+    assert np.allclose(rows['action'], 10 * rows['observation.state'], rtol=1e-5)
+
+
+def test_pictures_with_times_before_those_of_earlier_ones_are_left_out(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(topics=(), jitter_ns=60_000_000)
+    drive.others = moved(Drive(), lambda time_ns: drive.picture_ns(
+        round((time_ns - BEGAN) * 30 / S)))
+    folder = converted(tmp_path, drive, *USUAL)
+    numbers = check_rows(folder, drive.picture_ns)
+    times = {number: drive.picture_ns(number) for number in range(60)}
+    assert numbers == expected(times, BEGAN, BEGAN + 2 * S)[1]
+    late = 60 - len({number for number in times if times[number] == max(
+        times[one] for one in range(number + 1))})
+    assert f'warning: bag.mcap: front: {late} messages are left out, because their times are ' in (
+        capsys.readouterr().err)
+
+
+def test_linear_numbers_are_those_of_the_times_of_the_rows(tmp_path: Path) -> None:
+    folder = converted(tmp_path, Drive(), *USUAL, '--align-vectors', 'linear')
+    rows = rows_of(folder)
+    assert np.allclose(rows['observation.state'], [
+        joint_values(BEGAN + row * S // 30) for row in rows['frame_index'].tolist()], atol=1e-6)
+
+
+def moved(drive: Drive, stamp_of: Callable[[int], int]) -> list[Entry]:
+    """Return numbered pictures that are recorded in time, but whose stamps are others."""
+    return [jpeg_entry(number, stamp_of(drive.picture_ns(number)),
+                       log_ns=drive.picture_ns(number)) for number in range(60)]
+
+
+@pytest.mark.parametrize(('stamp_of', 'reason'), [
+    (lambda time_ns: 0, r'60 stamps of front \(.*\) are zero'),
+    (lambda time_ns: 0 if time_ns > BEGAN + S else time_ns, r'29 stamps of front .* are zero'),
+    (lambda time_ns: time_ns - 2 * S, r'the stamps of \S+ are 1\.999 s ahead .* two clocks'),
+    (lambda time_ns: time_ns - 300 * S * (time_ns > BEGAN + S),
+     r'stamps of front .* jump by -299\.967 s after message 30'),
+    (lambda time_ns: time_ns + 9 * S * (time_ns > BEGAN + S), r'jump by 9\.033 s after message'),
+])
+def test_wrong_stamps_are_refused_and_the_log_is_right(
+        stamp_of: Callable[[int], int], reason: str, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(topics=())
+    drive.others = moved(drive, stamp_of)
+    error = refused(tmp_path, drive, capsys, *USUAL)
+    assert re.search(f'1 of 1, bad.mcap: .*{reason}.*; use --clock log', error), error
+    folder = converted(tmp_path, drive, *USUAL, '--clock', 'log')
+    assert stamps_of(folder, 'front') == [drive.picture_ns(one) for one in numbers_of(folder)]
+    # The joints have the times of the log, too, 1 ms after those of their values.
+    joint_ns = stamps_of(folder, '/joint_states.position')
+    assert np.allclose(rows_of(folder)['observation.state'],
+                       [joint_values(one - 1_000_000) for one in joint_ns], atol=1e-5)
+
+
+def test_small_difference_of_clocks_is_a_warning(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(topics=())
+    drive.others = moved(drive, lambda time_ns: time_ns + S // 5)
+    converted(tmp_path, drive, *USUAL)
+    assert 'warning: bag.mcap: the stamps of front are 0.201 s ahead' in capsys.readouterr().err
+
+
+def permuted(names: tuple[str, ...], step: int) -> Entry:
+    """Return a message of the joints in the order of some names."""
+    time_ns = BEGAN + step * S // 50
+    values = {**dict(zip(('shoulder', 'elbow', 'wrist'), joint_values(time_ns))), 'grip': 7.0}
+    return joints_entry(time_ns, [values[name] for name in names], names, '/arm')
+
+
+def test_joints_are_found_by_their_names(tmp_path: Path) -> None:
+    orders = [('wrist', 'shoulder', 'elbow'), ('elbow', 'grip', 'wrist', 'shoulder'),
+              ('shoulder', 'elbow', 'wrist')]
+    drive = Drive(others=[permuted(orders[step % 3], step) for step in range(100)])
+    folder = converted(tmp_path, drive, *CAMERA, '--state', '/arm.position',
+                       '--joints', 'shoulder,elbow,wrist')
+    expected_state = [joint_values(one) for one in stamps_of(folder, '/arm.position')]
+    assert np.allclose(rows_of(folder)['observation.state'], expected_state, atol=1e-5)
+    assert convert(tmp_path / 'bag.mcap', tmp_path / 'b', *CAMERA, '--state', '/arm.position') == 0
+    assert info_of(tmp_path / 'b')['features']['observation.state']['names'] == [*orders[0]]
+    assert np.allclose(rows_of(tmp_path / 'b')['observation.state'],
+                       np.array(expected_state)[:, [2, 0, 1]], atol=1e-5)
+
+
+def test_missing_and_double_joints_are_an_error(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(others=[permuted(('wrist', 'elbow') if step == 40 else (
+        'wrist', 'elbow', 'grip'), step) for step in range(100)])
+    words = (*CAMERA, '--state', '/arm.position')
+    assert 'message 41 of /arm: grip of 3 is missing; there is wrist, elbow' in refused(
+        tmp_path, drive, capsys, *words)
+    drive.others[40] = permuted(('wrist', 'elbow', 'grip', 'elbow'), 40)
+    assert "message 41 of /arm: 'elbow' is there twice" in refused(
+        tmp_path, drive, capsys, *words)
+
+
+@pytest.mark.parametrize(('words', 'reason'), [
+    (('--image', 'front=/cam1/x'),
+     'there is no topic of images /cam1/x; there is /cam0/image_raw/compressed (sensor_msgs'),
+    (('--state', '/joints.position'), 'there is no topic /joints; there is /arm/command '),
+    (('--state', '/joint_states.positions'),
+     "there is no field 'positions'; there is header, name, position, velocity, effort"),
+    (('--state', '/joint_states.position.3'), "there is no field '3'; there is 0 to 2"),
+    (('--state', '/joint_states.name'), "'name' is a list of messages or texts, not a number"),
+    (('--state', '/joint_states.velocity'), 'has 0 numbers; 1 to 4096 can be a feature'),
+    (('--state', '/joint_states.position', '--joints', 'hip'), 'hip of 1 is missing'),
+])
+def test_missing_topics_and_fields_are_an_error_that_lists_what_there_is(
+        words: tuple[str, ...], reason: str, tmp_path: Path, capsys: Errors) -> None:
+    assert reason in refused(tmp_path, Drive(seconds=0.5), capsys, *words)
+
+
+@pytest.mark.parametrize(('align', 'value'), [
+    ('last', np.nan), ('linear', np.inf), ('linear', 1e308)])
+def test_numbers_that_are_not_finite_are_an_error(
+        align: str, value: float, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(others=[joints_entry(BEGAN + step * S // 50, [
+        value * (-1 if step % 2 else 1) if 39 < step < 42 else 1.0], ['a'], '/arm')
+        for step in range(100)])
+    error = refused(tmp_path, drive, capsys, *CAMERA, '--state', '/arm.position',
+                    '--align-vectors', align)
+    assert '/arm.position is not finite 0.802 s after the begin, in 2 rows' in error
+
+
+def test_source_without_a_header_needs_the_clock_of_the_log(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(others=[plain_entry(BEGAN + step * S // 7, step / 7, '/level', 'Float64')
+                          for step in range(15)])
+    words = (*CAMERA, '--state', '/level')
+    assert re.search(r'messages of /level \(/level\) have no stamp; use --clock log',
+                     refused(tmp_path, drive, capsys, *words))
+    folder = converted(tmp_path, drive, *words, '--clock', 'log')
+    stamps = np.array(stamps_of(folder, '/level'))
+    assert np.allclose(rows_of(folder)['observation.state'], (stamps - BEGAN) / S, atol=1e-6)
+    row_ns = [BEGAN + 5_000_000 + row * S // 30 for row in range(len(stamps))]
+    assert stamps.tolist() == [BEGAN + ((one - BEGAN) * 7 // S) * S // 7 for one in row_ns]
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', ''])
+def test_cut_file_has_right_rows_up_to_the_cut(
+        suffix: str, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive()
+    bag = tmp_path / f'bag{suffix}'
+    if suffix:
+        write_mcap(bag, with_definitions(drive.entries()), chunk_size=20_000)
+        bag.write_bytes(bag.read_bytes()[:bag.stat().st_size // 2])
+    else:
+        (drive.write(bag) / 'metadata.yaml').unlink()
+    assert convert(bag, tmp_path / 'set', *USUAL, '--max-gap', '0.1') == 0
+    numbers = check_rows(tmp_path / 'set', drive.picture_ns)
+    assert numbers == [*range(len(numbers))]
+    assert 20 < len(numbers) < 60 if suffix else len(numbers) == 60
+    assert ('warning: bag.mcap: ' in capsys.readouterr().err) == bool(suffix)
+
+
+def test_pictures_that_cannot_be_decoded_are_replaced_and_counted(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive()
+    entries = [entry if entry.topic != TOPIC else entry._replace(
+        data=entry.data[:-60].replace(b'\xff\xd8', b'\xff\x00') if number in (20, 21, 40) else
+        entry.data) for number, entry in enumerate(sorted(
+            drive.entries(), key=lambda entry: (entry.topic != TOPIC, entry.log_ns)))]
+    entries.sort(key=lambda entry: entry.log_ns)
+    drive.entries = lambda: entries  # type: ignore[method-assign]
+    folder = converted(tmp_path, drive, *USUAL)
+    assert check_rows(folder, drive.picture_ns) == [
+        {20: 19, 21: 19, 40: 39}.get(number, number) for number in range(60)]
+    errors = capsys.readouterr().err
+    assert 'warning: bag.mcap: front: 3 pictures cannot be decoded' in errors
+    assert 'front: 57 samples used, 3 rows repeat one, 3 dropped; ' in errors
+    assert '66.7 ms at most' in errors
+    assert 'front has no picture that can be decoded for 0.067 s; at most 0.05 s' in refused(
+        tmp_path / 'b', drive, capsys, *USUAL, '--max-gap', '0.05')
+
+
+def test_first_picture_that_cannot_be_decoded_is_an_error(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(first=1, others=[jpeg_entry(0, BEGAN)._replace(data=b'\0\1\0\0\1\1\1\1'[:size])
+                                   for size in (0, 1, 4, 8)])
+    drive.others.append(joints_entry(BEGAN, [1])._replace(data=b'\0\1\0\0\1\1\1\1\1\1\1\1'))
+    folder = converted(tmp_path, drive, *USUAL)  # a message that cannot be read counts as lost
+    assert check_rows(folder, drive.picture_ns) == [*range(1, 60)]
+    errors = capsys.readouterr().err
+    assert 'bag.mcap: front: 4 messages cannot be read' in errors
+    assert 'bag.mcap: /joint_states.position: 1 messages cannot be read' in errors
+    drive.others = [jpeg_entry(0, BEGAN)]
+    drive.others[0] = drive.others[0]._replace(
+        data=drive.others[0].data.replace(b'\xff\xd8', b'\xff\x00'))
+    assert 'front has no picture for the first row: message 0 of ' in refused(
+        tmp_path / 'b', drive, capsys, *USUAL)
+
+
+def test_pictures_of_different_sizes_are_an_error(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(lost=frozenset({30}))
+    drive.others = [jpeg_entry(30, drive.picture_ns(30), width=176)]
+    assert 'front changes its size from (160, 120) to (176, 120); all pictures of a camera' in (
+        refused(tmp_path, drive, capsys, *USUAL))
+
+
+def test_pictures_that_cannot_be_converted_are_an_error(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=0.5, topics=())
+    wire = array_to_wire(np.zeros((8, 8, 2), np.float32), find_encoding('32FC2'), WireHeader(
+        *divmod(BEGAN, NANO), 'cam'))
+    drive.others.append(Entry(BEGAN, image_to_cdr(wire), '/flow'))
+    assert 'message 0 of /flow cannot be decoded: [32FC2] ' in refused(
+        tmp_path, drive, capsys, '--image', 'front=/flow', *JOINTS_STATE)
+
+
+@pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'mono8', 'bayer_rggb8', 'bgra8'])
+def test_raw_pictures(encoding: str, tmp_path: Path) -> None:
+    drive = Drive(seconds=0.5, topics=())
+    for number in range(15):
+        image = numbered_picture(number)
+        if encoding in ('mono8', 'bayer_rggb8'):
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        if encoding == 'bgra8':
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2BGRA)
+        time_ns = drive.picture_ns(number)
+        cdr = image_to_cdr(array_to_wire(image, find_encoding(encoding), WireHeader(
+            *divmod(time_ns, NANO), 'cam')))
+        drive.others.append(Entry(time_ns, cdr, '/raw'))
+    folder = converted(tmp_path, drive, '--image', 'front=/raw', *JOINTS_STATE)
+    assert check_rows(folder, drive.picture_ns) == [*range(15)]
+
+
+def test_odd_size_and_one_row(tmp_path: Path) -> None:
+    drive = Drive(seconds=0.02, others=[jpeg_entry(0, BEGAN, '/odd', width=161, height=121)])
+    folder = converted(tmp_path, drive, *CAMERA, '--image', 'odd=/odd', *JOINTS_STATE)
+    assert check_rows(folder, drive.picture_ns) == [0]
+    assert info_of(folder)['features']['observation.images.odd']['shape'] == [121, 161, 3]
+
+
+@pytest.mark.parametrize('lost', [(), (31, 32)])
+def test_video_topic_is_decoded_from_its_key_frames(
+        lost: tuple[int, ...], tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(topics=())
+    encoder = VideoEncoder(VideoSettings(key_interval=3600.0), 160, 120, 30.0)
+    for number in range(60):
+        time_ns = drive.picture_ns(number)
+        packet = encoder.encode(numbered_picture(number), 'bgr8', time_ns, number in (0, 20, 40))
+        header = WireHeader(*divmod(time_ns, NANO), 'cam')
+        cdr = video_to_cdr(FFMPEG_PACKET, header, packet, number)
+        topic = '/lost' if number in lost else '/cam0/ffmpeg'
+        drive.others.append(Entry(time_ns, cdr, topic, FFMPEG_PACKET))
+    joints = with_definitions(Drive(topics=()).entries())
+    bag = write_mcap(tmp_path / 'bag.mcap', [*drive.others, *joints])  # numbered in this order
+    for fps, step in ((30, 1), (10, 3)):
+        target = tmp_path / f'set{fps}'
+        assert convert(bag, target, '--image', 'front=/cam0/ffmpeg', *JOINTS_STATE, fps=fps) == 0
+        # After a loss the pictures cannot be decoded up to the next key frame.
+        assert check_rows(target, drive.picture_ns) == [
+            30 if lost and 30 < number < 40 else number for number in range(0, 60, step)]
+    assert ('pictures cannot be decoded' in capsys.readouterr().err) == bool(lost)
