@@ -12,7 +12,6 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-
 const KEY = 'opencv_tools.viewer';
 const NAMES = ['search', 'size', 'pin', 'hide', 'turn', 'beside'];
 const PASSING = ['search', 'beside']; // only in the address

@@ -12,7 +12,6 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-
 const WIDTH = 256;
 const HEIGHT = 100;
 

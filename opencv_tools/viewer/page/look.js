@@ -12,7 +12,6 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-
 import { showChart } from './chart.js';
 
 const CROSS = 12; // pixels of an arm

@@ -40,10 +40,6 @@ export class RangeForm {
     this.#form.addEventListener('submit', (event) => event.preventDefault());
   }
 
-  get isHidden() {
-    return this.#form.hidden;
-  }
-
   /**
    * Show the limits.
    *

@@ -12,7 +12,6 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-
 const MOST = 64; // pixels of the page for a pixel of the image
 const WHEEL = { speed: 0.002, most: 300, line: 33 }; // line: pixels of a wheel that counts lines
 const ENLARGED = 2; // a picture that is larger than this shows its pixels as squares
@@ -133,23 +132,18 @@ export class View {
    * Zoom, and keep a pixel at its place.
    *
    * @param scale pixels of the page for a pixel of the image; 0 fits the frame.
-   * @param from place on the page of the pixel; undefined for the middle.
+   * @param from place on the page of the pixel; undefined for the one in the middle.
    * @param to place on the page to which the pixel moves.
    */
-  zoom(scale, from = this.#middle(), to = from) {
-    const held = this.#toImage(from);
+  zoom(scale, from, to = from) {
+    const held = from && this.#toImage(from);
     const wanted = limit(scale, Math.min(this.#fitting, 1 / devicePixelRatio),
       Math.max(MOST, this.#fitting));
     this.#scale = !scale || Math.abs(wanted / this.#fitting - 1) < 1e-3 ? 0 : wanted;
-    const now = this.#toImage(to);
-    this.#center = [this.#center[0] + held.x - now.x, this.#center[1] + held.y - now.y];
+    const now = from && this.#toImage(to);
+    if (from) this.#center = [this.#center[0] + held.x - now.x, this.#center[1] + held.y - now.y];
     this.place();
     this.#onChange();
-  }
-
-  #middle() {
-    const { left, top, width, height } = this.#frame.getBoundingClientRect();
-    return { clientX: left + width / 2, clientY: top + height / 2 };
   }
 
   /** Pan with one pointer; zoom with two. */

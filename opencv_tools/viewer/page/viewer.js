@@ -12,8 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { addressWith, copyText, keep } from './address.js';
 import { Arrangement } from './arrangement.js';
-import { copyText } from './clipboard.js';
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
 import { arrange } from './grid.js';
@@ -34,14 +34,13 @@ const STALLED_SECONDS = 2; // two pings without an answer
 
 const part = (id) => document.getElementById(id);
 const cameras = part('cameras');
-const address = new URL(location);
-address.searchParams.delete('token');
-history.replaceState(null, '', address);
+keep({ token: '' });
+const { searchParams: given } = new URL(location);
 
 const arrangement = new Arrangement();
 const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
-let selected = address.searchParams.get('topic') ?? '';
+let selected = given.get('topic') ?? '';
 let host = '';
 let token = '';
 let control = false; // the parameter of the node
@@ -53,8 +52,7 @@ let isPaused = false;
 let noticeTimer = 0;
 
 const fixed = Object.fromEntries(['width', 'quality', 'rate']
-  .filter((name) => address.searchParams.has(name))
-  .map((name) => [name, Number(address.searchParams.get(name)) || 0]));
+  .filter((name) => given.has(name)).map((name) => [name, Number(given.get(name)) || 0]));
 if ('width' in fixed || 'quality' in fixed) fixed.fixed = true;
 const codecs = Object.keys(fixed).length ? [] : await decodedCodecs();
 
@@ -165,8 +163,6 @@ function addTile(name) {
     for (const other of shownTiles()) if (other !== tile) other.look.follow(place);
   });
   tiles.set(name, tile);
-  tile.element.querySelector('.look').addEventListener('click',
-    ({ target }) => look(target.closest('button')?.dataset.look, tile));
   tile.link.addEventListener('click', (event) => {
     if (event.ctrlKey || event.metaKey || event.shiftKey) return;
     event.preventDefault();
@@ -229,10 +225,7 @@ function select(name, isNew = true) {
   const last = selected;
   selected = name;
   if (isNew) {
-    const url = new URL(location);
-    for (const setting of ['range', 'colors', 'rectified']) url.searchParams.delete(setting);
-    if (name) url.searchParams.set('topic', name);
-    else url.searchParams.delete('topic');
+    const url = addressWith({ topic: name, range: '', colors: '', rectified: '' });
     history.pushState(null, '', url);
   }
   // A tile without a topic is there only while it is selected.
@@ -275,20 +268,17 @@ function arrangeTiles() {
   for (const [name, tile] of tiles) {
     tile.element.hidden = !(alone ?? listed).includes(name);
     tile.view.turn(arrangement.turned(name));
-    tile.element.querySelector('[data-arrange=pin]').setAttribute(
-      'aria-pressed', String(arrangement.has('pin', name)));
+    tile.element.querySelector('[data-arrange=pin]').ariaPressed = arrangement.has('pin', name);
   }
   document.body.toggleAttribute('data-beside', beside() !== '');
   const hidden = names.filter((name) => arrangement.has('hide', name)).length;
   part('unhide').hidden = !hidden;
   part('unhide').textContent = `Show ${hidden} hidden`;
   part('search').hidden = part('size').hidden = part('beside').hidden = names.length < 2;
-  const others = ['', ...names.sort().filter((name) => name !== shown())];
-  const isNew = others.join() !== [...part('beside').options].map((one) => one.value).join();
-  if (isNew) {
-    part('beside').replaceChildren(
-      ...others.map((name) => new Option(name || 'Beside: none', name)));
-  }
+  const others = ['', ...names.sort().filter((name) => name !== shown())]
+    .map((name) => new Option(name || 'Beside: none', name));
+  const list = (options) => Array.from(options, ({ value }) => value).join();
+  if (list(others) !== list(part('beside').options)) part('beside').replaceChildren(...others);
   part('beside').value = beside();
   part('size').value = arrangement.get('size');
   if (part('search') !== document.activeElement) part('search').value = arrangement.get('search');
@@ -312,7 +302,7 @@ function layOut() {
   const title = selected || (host ? `Cameras of ${host}` : 'Cameras');
   showName(part('title'), title);
   document.title = selected && host ? `${selected} – ${host}` : title;
-  part('pause').setAttribute('aria-pressed', String(isPaused));
+  part('pause').ariaPressed = isPaused;
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
   robot.show(!selected, isPaused);
@@ -324,13 +314,11 @@ function layOut() {
     Object.assign(tiles.get(alone), { range: limits, colors });
   }
   part('rectified').hidden = part('rectified-key').hidden = !rectifiedOf(selected, tiles);
-  part('rectified').setAttribute('aria-pressed', String(alone !== selected));
+  part('rectified').ariaPressed = alone !== selected;
   arrangeTiles();
   for (const [name, tile] of tiles) {
-    const url = new URL(location);
-    url.searchParams.set('topic', name);
     if (selected) tile.link.removeAttribute('href');
-    else tile.link.href = url;
+    else tile.link.href = addressWith({ topic: name });
   }
   const filling = document.fullscreenElement;
   if (filling && filling !== tiles.get(alone)?.link) document.exitFullscreen();
@@ -368,31 +356,20 @@ function showPanel() {
   tile?.look.ask();
   part('chart').hidden = !tile?.look.chart;
   controls.show(tiles.get(selected)?.topic?.nodes ?? []);
-  part('panel').hidden = range.isHidden && controls.isEmpty && part('chart').hidden;
-}
-
-/** Keep a setting of the picture in the address; '' removes it. */
-function keep(setting, text) {
-  const url = new URL(location);
-  if (text) url.searchParams.set(setting, text);
-  else url.searchParams.delete(setting);
-  history.replaceState(null, '', url);
 }
 
 /** Use limits and colours for the picture; null for automatic limits, '' for the first colours. */
 function setRange(limits, colors) {
   Object.assign(tiles.get(selected), { range: limits, colors });
-  keep('range', limits?.join());
-  keep('colors', colors);
+  keep({ range: limits?.join(), colors });
   layOut();
 }
 
 /** Show the rectified pictures of the topic, or the raw ones again. */
 function rectify() {
-  if (!rectifiedOf(selected, tiles)) return;
   const tile = tiles.get(selected);
   tile.isRectified = !tile.isRectified;
-  keep('rectified', tile.isRectified && 'true');
+  keep({ rectified: tile.isRectified && 'true' });
   layOut();
 }
 
@@ -403,17 +380,13 @@ function pause() {
 
 async function save(name) {
   if (!name) return;
-  try {
-    notify(`Saved ${await savePicture(name)}`);
-  } catch (error) {
-    notify(error.message);
-  }
+  const saved = savePicture(name).then((file) => `Saved ${file}`, ({ message }) => message);
+  notify(await saved);
 }
 
 /** Copy the address of the page, with the token, which the address bar does not show. */
 function copyLink(hasToken) {
-  const url = new URL(location);
-  if (hasToken) url.searchParams.set('token', token);
+  const url = addressWith({ token: hasToken && token });
   const done = hasToken ? 'Copied the link with its token' : 'Copied the link';
   notify(copyText(url.href) ? done : `Copy this link: ${url}`);
 }
@@ -423,7 +396,7 @@ function fillScreen() {
   else tiles.get(shown())?.link.requestFullscreen?.();
 }
 
-// What each button and key does to look into a picture.
+// What each button does to look into a picture.
 const LOOKS = {
   in: ({ view }) => view.zoom(view.scale * ZOOM),
   out: ({ view }) => view.zoom(view.scale / ZOOM),
@@ -435,10 +408,10 @@ const LOOKS = {
   flip: (tile) => arrangement.turn(tile.name, true),
 };
 
-/** Look into the picture in another way. */
-function look(name, tile = tiles.get(shown())) {
-  if (!tile || tile.canvas.hidden) return;
-  LOOKS[name]?.(tile);
+/** Look into a picture in another way. */
+function look(name, tile) {
+  if (tile.canvas.hidden) return;
+  LOOKS[name](tile);
   layOut();
 }
 
@@ -454,9 +427,9 @@ function focused() {
 }
 
 const across = () => Number(cameras.style.getPropertyValue('--columns'));
-const EACH_KEYS = { ' ': pause, s: () => save(shown() || focused()) };
 const ALL_KEYS = {
-  ...EACH_KEYS,
+  ' ': pause,
+  s: () => save(focused()),
   ArrowLeft: () => moveFocus(-1),
   ArrowRight: () => moveFocus(1),
   ArrowUp: () => moveFocus(-across()),
@@ -464,32 +437,22 @@ const ALL_KEYS = {
   p: () => rearrange('pin', focused()),
   h: () => rearrange('hide', focused()),
 };
-const ONE_KEYS = {
-  ...EACH_KEYS,
-  ArrowLeft: () => step(-1),
-  ArrowRight: () => step(1),
-  Escape: () => select(''),
-  f: fillScreen,
-  r: rectify,
-  '+': () => look('in'),
-  '-': () => look('out'),
-  0: () => look('fit'),
-  1: () => look('one'),
-  h: () => look('histogram'),
-  l: () => look('profile'),
-  t: () => look('turn'),
-  m: () => look('flip'),
-};
-listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
+
+/** Return the press of the button of a key, for the picture that is shown alone. */
+function pressOf(key) {
+  const name = CSS.escape({ ' ': 'Space', '+': 'Plus' }[key] ?? key);
+  const button = document.querySelector(
+    `:is(header, .tile:not([hidden])) [aria-keyshortcuts="${name}" i]:not([hidden])`);
+  return button && (() => button.click());
+}
+
+listenToKeys((key) => (selected ? pressOf(key) : ALL_KEYS[key]));
 document.addEventListener('visibilitychange', ask);
 addEventListener('resize', show);
 addEventListener('popstate',
   () => select(new URL(location).searchParams.get('topic') ?? '', false));
-part('back').addEventListener('click', (event) => {
-  event.preventDefault();
-  select('');
-});
 const BUTTONS = {
+  back: () => select(''),
   previous: () => step(-1),
   next: () => step(1),
   pause,
@@ -500,14 +463,20 @@ const BUTTONS = {
   'plain-link': () => copyLink(false),
   unhide: () => arrangeBy('hide', ''),
 };
-for (const [id, action] of Object.entries(BUTTONS)) part(id).addEventListener('click', action);
+for (const [id, action] of Object.entries(BUTTONS)) {
+  part(id).addEventListener('click', (event) => {
+    event.preventDefault(); // of a link
+    action();
+  });
+}
 for (const name of ['search', 'size', 'beside']) {
   part(name).addEventListener('input', ({ target }) => arrangeBy(name, target.value));
 }
 const topicOf = (element) => element.closest('.tile')?.dataset.topic;
 cameras.addEventListener('click', ({ target }) => {
-  const { arrange: name } = target.closest('button')?.dataset ?? {};
+  const { arrange: name, look: way } = target.closest('button')?.dataset ?? {};
   if (name) rearrange(name, topicOf(target));
+  if (way) look(way, tiles.get(topicOf(target)));
 });
 cameras.addEventListener('dragstart',
   ({ target, dataTransfer }) => dataTransfer.setData('text/plain', topicOf(target)));
@@ -521,8 +490,8 @@ setInterval(() => document.hidden || show(), REFRESH_MS);
 
 if (selected) {
   const tile = addTile(selected);
-  tile.range = readLimits(address.searchParams.get('range'));
-  tile.colors = address.searchParams.get('colors') === 'gray' ? 'gray' : '';
-  tile.isRectified = address.searchParams.get('rectified') === 'true';
+  tile.range = readLimits(given.get('range'));
+  tile.colors = given.get('colors') === 'gray' ? 'gray' : '';
+  tile.isRectified = given.get('rectified') === 'true';
 }
 layOut();
