@@ -43,8 +43,8 @@ import cv2
 from dataset_files import CAMERAS, FPS, write_bag, write_jpegs
 from figures import add_json_option, Figure, print_figures
 import numpy as np
-from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.bag_conversion import convert_bag
+from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.plan import NumbersSource, Plan
 from opencv_tools.datasets.tracks import resolved
 from opencv_tools.datasets.videos import VideoFileWriter

@@ -27,9 +27,9 @@ from pathlib import Path
 from threading import Thread
 
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
+from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
-from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import user_path

@@ -31,6 +31,7 @@ from opencv_tools.datasets.tracks import Track
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
 
+
 def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
                  ) -> Generator[tuple[int, OutputImage], None, None]:
     """

@@ -207,7 +207,6 @@ def _check_size(group: Any, columns: Collection[str], shown: str) -> None:
                            'read')
 
 
-
 def values_of(table: Any, name: str) -> list[Any]:
     """
     Return the values of a column.
