@@ -92,7 +92,7 @@ class Page:
             if message is None:
                 return
             if isinstance(message, bytes):
-                _, sequence, stamp, _, _ = unpack_frame(message)
+                _, sequence, stamp, *_ = unpack_frame(message)
                 self.ages.append(time.time() - stamp)
                 await self._socket.write_message(json.dumps({'got': sequence}))
 

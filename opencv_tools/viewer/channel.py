@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from opencv_tools.topics.rate_meter import RateMeter
@@ -54,23 +55,30 @@ class Channel:
         self.stream = stream
         self._send = send
         self._loop = asyncio.get_running_loop()
-        self._unanswered: dict[int, tuple[float, int]] = {}
+        self._unanswered: dict[int, tuple[float, int, NewFrame | None]] = {}
+        self._shown: tuple[int, NewFrame | None] = 0, None  # the frame that the page shows
         self._sent = RateMeter(self._loop.time)
         self._last: tuple[Picture, int] | None = None
+        self._last_number = 0
         self._number = 0
         self._due = 0.0
         self._timer: asyncio.TimerHandle | None = None
         self._is_encoding = False
         self._is_closed = False
-        self.set_options(options)
+        #: What the viewer requests.
+        self.options = options
+        self._restart_link()
+        self.frame_arrived()
         stream.watchers.add(self.frame_arrived)
 
     def set_options(self, options: ViewOptions) -> None:
         """Change what the viewer requests, and send the newest frame so."""
-        self.options = options
-        self._width = options.width if options.fixed else step_width(options.width)
-        self._link: LinkRate | None = None
-        self._source_width = 0
+        before, self.options = self.options, options
+        if replace(before, held=options.held) == options:
+            return
+        if replace(before, region=options.region, limits=options.limits,
+                   colors=options.colors) != options:
+            self._restart_link()
         self._number = 0
         self.frame_arrived()
 
@@ -83,7 +91,7 @@ class Channel:
 
     def frame_arrived(self) -> None:
         """Send the newest frame, unless the page is busy or the frame is not due."""
-        frame = self.stream.feed.newest
+        frame = self._shown[1] if self.options.held else self.stream.feed.newest
         window = self._link.window if self._link else 1
         if (frame is None or frame.number == self._number or self._is_encoding
                 or self._is_closed or self._timer or len(self._unanswered) >= window):
@@ -103,13 +111,20 @@ class Channel:
         """Use an answer of the page; return whether it belongs to this channel."""
         if sequence not in self._unanswered:
             return False
-        sent_at, size = self._unanswered.pop(sequence)
+        sent_at, size, frame = self._unanswered.pop(sequence)
+        if sequence > self._shown[0]:
+            self._shown = sequence, frame
         now = self._loop.time()
         if self._link:
             period = max(1 / self.options.rate, 1 / (self.stream.feed.rate or 1000))
             self._link.answered(size, now - sent_at, period, now)
         self.frame_arrived()
         return True
+
+    def frame_of(self, sequence: int) -> NewFrame | None:
+        """Return the frame of the picture that the page shows; None for another picture."""
+        shown, frame = self._shown
+        return frame if shown == sequence else None
 
     def status(self) -> dict[str, Any]:
         """Return the state of this channel for its page."""
@@ -122,6 +137,13 @@ class Channel:
                     'bytes': len(picture.data)}
         return {'sent': sent, 'link': None if link is None else round(link * 8e-6, 2)}
 
+    def _restart_link(self) -> None:
+        """Begin with the requested size, whatever the link has carried before."""
+        options = self.options
+        self._width = options.width if options.fixed else step_width(options.width)
+        self._link: LinkRate | None = None
+        self._source_width = 0
+
     def _end_wait(self) -> None:
         self._timer = None
         self.frame_arrived()
@@ -133,7 +155,9 @@ class Channel:
             width, quality = self._link.width, self._link.quality
             width = 0 if width >= self._source_width else width
         keep = not options.fixed and not (self._link and self._link.is_lowered)
-        return PictureOptions(width, quality, limits=options.limits, keep=keep)
+        return PictureOptions(
+            width, quality, limits=options.limits, keep=keep, region=options.region,
+            colors=options.colors)
 
     def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | str]) -> None:
         self._is_encoding = False
@@ -143,12 +167,15 @@ class Channel:
         self.frame_arrived()
 
     def _send_picture(self, frame: NewFrame, picture: Picture) -> None:
-        source_width = picture.source_size[0]
+        source_width = picture.region.width
         if self._link is None or source_width != self._source_width:
             self._source_width = source_width
             width = min(self._width or source_width, source_width)
             self._link = LinkRate(width, self.options.quality, self.options.fixed)
         now = self._loop.time()
-        self._unanswered[self._send(frame, picture)] = now, len(picture.data)
-        self._sent.add()
+        self._unanswered[self._send(frame, picture)] = (
+            now, len(picture.data), frame if self.options.looks else None)
+        if frame.number != self._last_number:  # not again with another region
+            self._sent.add()
+        self._last_number = frame.number
         self._last = picture, self._link.quality

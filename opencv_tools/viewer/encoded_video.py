@@ -19,19 +19,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
-from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.text import printable
 from opencv_tools.video.parameter_sets import webcodecs_name
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.video.stream import VideoStream
-from opencv_tools.viewer.encoding import message_pixels
 from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
+from opencv_tools.viewer.pixels import Pixels, read_pixels
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.video_link import SLOW_BIT_RATE
 from opencv_tools.viewer.video_source import PacketReceiver, PublishedVideo, VideoSource
@@ -108,8 +106,8 @@ class EncodedVideo(VideoSource):
         stream = self.stream
         stream.encodings += 1
         try:
-            image, encoding = await stream.in_pool(message_pixels, frame.message)
-            viewed = await stream.in_pool(_encode, encoder, image, encoding, frame.stamp_ns)
+            pixels = await stream.in_pool(read_pixels, frame.message)
+            viewed = await stream.in_pool(_encode, encoder, pixels, frame.stamp_ns)
         except VideoError as err:
             self._refuse(printable(err, MAX_MESSAGE))
             return
@@ -147,9 +145,8 @@ def video_source(stream: Stream, rate: float, subscribe_again: Callable[[], obje
         stream, rate, loop, VideoSettings(bit_rate=SLOW_BIT_RATE if is_slow else 0))
 
 
-def _encode(encoder: VideoStream, image: NDArray[Any], encoding: str, stamp_ns: int,
-            ) -> ViewedPacket:
+def _encode(encoder: VideoStream, pixels: Pixels, stamp_ns: int) -> ViewedPacket:
     """Return the packet of an image, without its number."""
-    packet = encoder.encode(image, encoding, stamp_ns)
+    packet = encoder.encode(pixels.image, pixels.encoding.name, stamp_ns)
     name = webcodecs_name(packet.codec, packet.data) if packet.is_key else ''
     return ViewedPacket(number=0, stamp_ns=stamp_ns, packet=packet, name=name or '')

@@ -16,29 +16,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, KW_ONLY
+from dataclasses import dataclass, KW_ONLY, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.cv_bridge import CvBridge, cvtColorForDisplay
-from opencv_tools.image.cdr import WireCompressedImage, WireImage, WireMessage
-from opencv_tools.image.compressed import decoded_encoding, parse_format
-from opencv_tools.image.display import finite_limits
-from opencv_tools.image.encodings import Encoding, find_encoding
-from opencv_tools.image.errors import CodecError
-from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
+from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.image.compressed import parse_format
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.errors import CodecError, ImageError
+from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
-from opencv_tools.image_codecs import check_complete, convert_image, decode_image, MAX_SIDES
+from opencv_tools.image.text import printable
+from opencv_tools.image_codecs import check_complete, convert_image, MAX_SIDES
+from opencv_tools.viewer.depth_colors import color_numbers, is_number, measure_image, UNITS
+from opencv_tools.viewer.errors import MAX_MESSAGE
+from opencv_tools.viewer.pixels import Pixels, read_pixels
+from opencv_tools.viewer.region import Region, region_within
 
-_BRIDGE = CvBridge()
+_BGR = find_encoding('bgr8')
 # Number of pixels up to which a picture keeps the colour of each pixel, because pages enlarge it.
 _SMALL = 200_000
 _SAMPLING_444 = 0x111111  # IMWRITE_JPEG_SAMPLING_FACTOR_444, which old versions of OpenCV lack
 _SAMPLING_FACTOR = 7  # IMWRITE_JPEG_SAMPLING_FACTOR, which they leave out
-# Colour of pixels without depth: a dark blue, which no depth has.
-_NO_DATA = (110, 0, 0)
 # Factor above which a mean of all pixels is needed against false patterns.
 _AREA_FACTOR = 2
 # OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
@@ -56,6 +58,8 @@ class PictureOptions:
     :param limits: numbers that become black and white; None for those of the image.
     :param height: largest height in pixels; 0 for no limit.
     :param keep: whether a JPEG that need not be scaled is kept byte for byte.
+    :param region: the only part of the image that is shown; None for the whole image.
+    :param colors: colours of depth, ``gray`` or ``turbo``.
     """
 
     width: int
@@ -64,6 +68,8 @@ class PictureOptions:
     limits: tuple[float, float] | None = None
     height: int = 0
     keep: bool = True
+    region: Region | None = None
+    colors: str = 'gray'
 
     def width_for(self, width: int, height: int) -> int:
         """Return the width of the picture of an image with some size."""
@@ -84,6 +90,9 @@ class Picture:
     :param source_size: width and height of the image in pixels.
     :param encoding: encoding or format of the image.
     :param limits: numbers that became black and white; None for ordinary colours.
+    :param measured: limits of most numbers of the image; None if nobody needs them.
+    :param unit: unit of the numbers of depth; '' for other images.
+    :param region: part of the image that is shown.
     :param is_kept: whether the data are those of the message.
     """
 
@@ -92,105 +101,104 @@ class Picture:
     height: int
     source_size: tuple[int, int]
     encoding: str
+    region: Region
     limits: tuple[float, float] | None = None
+    measured: tuple[float, float] | None = None
+    unit: str = ''
     is_kept: bool = False
 
 
-def encode_picture(message: WireMessage, options: PictureOptions) -> Picture:
+def encode_picture(
+    message: WireMessage, options: PictureOptions, steady: tuple[float, float] | None = None,
+) -> Picture:
     """
     Convert an image message to a JPEG.
 
     :param message: raw or compressed image.
     :param options: size and quality.
+    :param steady: limits of numbers if the options have none; None for those of the image.
     :returns: the picture, which is never larger than the image.
     :raises ImageError: the message is not a valid image.
     :raises CvBridgeError: the message is not a valid image, or its encoding cannot be shown.
     """
-    if isinstance(message, WireImage):
-        encoding = find_encoding(message.encoding)
-        check_size(message.width, message.height, MAX_PIXELS)
-        return _encode_pixels(_BRIDGE.imgmsg_to_cv2(message), encoding, options,
-                              (message.width, message.height), encoding.name)
-    return _encode_compressed(message, options)
+    if isinstance(message, WireCompressedImage):
+        return _encode_compressed(message, options, steady)
+    return _encode_pixels(read_pixels(message), options, steady)
 
 
-def message_pixels(message: WireMessage) -> tuple[NDArray[Any], str]:
-    """
-    Return the array of an image message, and its encoding.
-
-    :raises ImageError: the message is not a valid image.
-    :raises CvBridgeError: the message is not a valid image.
-    """
-    if isinstance(message, WireImage):
-        check_size(message.width, message.height, MAX_PIXELS)
-        return _BRIDGE.imgmsg_to_cv2(message), message.encoding
-    content = bytes(message.data)
-    check_size(*image_size(content), MAX_PIXELS)
-    image = decode_image(content)
-    return image, decoded_encoding(image, message.format).name
+def picture_or_reason(
+    message: WireMessage, options: PictureOptions, steady: tuple[float, float] | None,
+) -> Picture | str:
+    """Return the picture of a message, or the reason why it has none."""
+    try:
+        return encode_picture(message, options, steady)
+    except (CvBridgeError, ImageError) as err:
+        return printable(err, MAX_MESSAGE)
 
 
-def _encode_compressed(message: WireCompressedImage, options: PictureOptions) -> Picture:
+def _encode_compressed(
+    message: WireCompressedImage, options: PictureOptions, steady: tuple[float, float] | None,
+) -> Picture:
     content = bytes(message.data)
     described = parse_format(message.format).codec[:20]
     if not content.startswith(JPEG_SOI):
-        size = image_size(content)
-        image = decode_image(content)
-        return _encode_pixels(image, decoded_encoding(image, message.format), options, size,
-                              described)
+        return replace(_encode_pixels(read_pixels(message), options, steady), encoding=described)
     width, height = jpeg_size(content)
     check_size(width, height, MAX_PIXELS)
     check_complete(content)
-    wanted = options.width_for(width, height)
-    if options.keep and wanted == width:
+    region = region_within(options.region, width, height)
+    wanted = options.width_for(region.width, region.height)
+    if options.keep and options.region is None and wanted == width:
         return Picture(data=content, width=width, height=height, source_size=(width, height),
-                       encoding=described, is_kept=True)
-    factor = width // wanted
-    flag = _REDUCED.get(max((step for step in _REDUCED if step <= factor), default=1),
-                        cv2.IMREAD_COLOR)
+                       encoding=described, region=region, is_kept=True)
+    most = region.width // wanted
+    factor = max((step for step in _REDUCED if step <= most), default=1)
     try:
-        decoded = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
+        decoded = cv2.imdecode(np.frombuffer(content, np.uint8),
+                               _REDUCED.get(factor, cv2.IMREAD_COLOR))
     except cv2.error as err:
         raise CodecError(f'{len(content)} bytes cannot be decoded as JPEG: {err.err}') from err
     if decoded is None:
         raise CodecError(f'{len(content)} bytes are not a JPEG that OpenCV can read')
-    return _encode_pixels(decoded, find_encoding('bgr8'), options, (width, height), described)
+    if (decoded.shape[1] < decoded.shape[0]) != (width < height):  # turned as its Exif says
+        width, height = height, width
+        region = region_within(options.region, width, height)
+    part = region.crop(decoded, factor)
+    shown = _scale(part, options.width_for(part.shape[1], part.shape[0]))
+    return Picture(data=_encode_jpeg(shown, options.quality),
+                   width=shown.shape[1], height=shown.shape[0], source_size=(width, height),
+                   encoding=described, region=region)
 
 
 def _encode_pixels(
-    image: NDArray[Any], encoding: Encoding, options: PictureOptions, size: tuple[int, int],
-    described: str,
+    pixels: Pixels, options: PictureOptions, steady: tuple[float, float] | None,
 ) -> Picture:
-    """Scale, convert and encode an array."""
+    """Crop, scale, convert and encode an array."""
+    image, encoding = pixels.image, pixels.encoding
     if not image.size:
-        raise CodecError(f'the image is empty ({size[0]}x{size[1]})')
-    limits, missing = None, None
+        raise CodecError('the image is empty ({}x{})'.format(*pixels.size))
+    limits, measured = None, None
+    region = region_within(options.region, *pixels.size)
+    if encoding.row_factor != 1:  # the chroma rows follow
+        image, encoding = convert_image(image, encoding, _BGR), _BGR
+    image = region.crop(image)
     if encoding.kind in ('bayer', 'yuv'):
-        target = find_encoding('bgr8')
-        if np.dtype(encoding.dtype).itemsize > 1:
-            image = convert_image(image, encoding, find_encoding('bgr16'))
-            encoding = find_encoding('bgr16')
-        else:
-            image, encoding = convert_image(image, encoding, target), target
+        target = _BGR if np.dtype(encoding.dtype).itemsize == 1 else find_encoding('bgr16')
+        image, encoding = convert_image(image, encoding, target), target
     width = options.width_for(image.shape[1], image.shape[0])
-    if np.dtype(encoding.dtype) == np.uint8:
-        image = _scale(image, width)
+    if is_number(encoding):
+        measured = measure_image(pixels.image, encoding)
+        limits = options.limits or steady or measured
+        shown = color_numbers(_pick(image, width), encoding, limits, options.colors)
     else:
-        image = _pick(image, width)
-        if encoding.channels == 1 and encoding.name != '32SC1':
-            missing = _missing(image, encoding)
-            limits = options.limits or finite_limits(
-                image if missing is None else image[~missing])
-    name = 'mono8' if encoding.channels == 1 and encoding.name != '32SC1' else 'bgr8'
-    low, high = limits or (0.0, 0.0)
-    shown = (np.full(image.shape[:2], 128, np.uint8) if limits and low == high else
-             cvtColorForDisplay(image, encoding.name, name, False, low, high))
-    if missing is not None and missing.any():
-        shown = cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR)
-        shown[missing] = _NO_DATA
+        is_small = np.dtype(encoding.dtype) == np.uint8
+        name = 'mono8' if encoding.channels == 1 and is_small else 'bgr8'
+        shown = cvtColorForDisplay(_scale(image, width) if is_small else _pick(image, width),
+                                   encoding.name, name)
     return Picture(data=_encode_jpeg(shown, options.quality),
-                   width=shown.shape[1], height=shown.shape[0], source_size=size,
-                   encoding=described, limits=limits)
+                   width=shown.shape[1], height=shown.shape[0], source_size=pixels.size,
+                   encoding=pixels.encoding.name, region=region, limits=limits,
+                   measured=measured, unit=UNITS.get(encoding.name, ''))
 
 
 def _encode_jpeg(image: NDArray[Any], quality: int) -> bytes:
@@ -205,13 +213,6 @@ def _encode_jpeg(image: NDArray[Any], quality: int) -> bytes:
     if not is_encoded:
         raise CodecError(f'a {image.shape[1]}x{image.shape[0]} picture cannot be encoded as JPEG')
     return content.tobytes()
-
-
-def _missing(image: NDArray[Any], encoding: Encoding) -> NDArray[np.bool_] | None:
-    """Return which pixels have no number; 0 in an image of 16UC1 means no depth."""
-    if encoding.name == '16UC1':
-        return image == 0
-    return ~np.isfinite(image) if image.dtype.kind == 'f' else None
 
 
 def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:

@@ -47,7 +47,7 @@ _PACKET_DEPTH = 60  # a missing packet ends the video until the next key frame
 _TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed',
                **dict.fromkeys(VIDEO_TOPICS, 'video')}
 # Codecs of other transports, whose messages are not images that OpenCV can decode.
-_OTHER_TRANSPORTS = ('/compressedDepth', '/theora', '/zstd')
+_OTHER_TRANSPORTS = ('/theora', '/zstd')
 
 
 @dataclass(kw_only=True)

@@ -20,6 +20,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
@@ -98,8 +99,7 @@ class Hub:
 
         :raises RequestError: there are too many.
         """
-        count = len(self.viewers) + self._connections
-        if count >= self.settings.viewers:
+        if (count := len(self.viewers) + self._connections) >= self.settings.viewers:
             raise RequestError(f'{count} pages look already: close one, or raise the parameter '
                                'viewers', 503)
 
@@ -173,10 +173,10 @@ class Hub:
         """Return what a viewer requests, within the parameters of the node."""
         settings = self.settings
         widths = [width for width in (requested.width, settings.width) if width]
-        return ViewOptions(
-            width=min(widths, default=0), quality=requested.quality or settings.quality,
-            rate=min(requested.rate or settings.rate, settings.rate), fixed=requested.fixed,
-            limits=requested.limits, video=requested.video and settings.shown_video != 'never')
+        return replace(
+            requested, width=min(widths, default=0), quality=requested.quality or settings.quality,
+            rate=min(requested.rate or settings.rate, settings.rate),
+            video=requested.video and settings.shown_video != 'never')
 
     # State
 

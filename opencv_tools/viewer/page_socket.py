@@ -28,6 +28,7 @@ from typing import Any
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import (
     MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong,
     topic_of, ViewOptions, WIDTHS)
@@ -65,6 +66,7 @@ class PageSocket(SocketHandler):
         self._sending: asyncio.Future[None] | None = None
         self._writing: dict[int, asyncio.Future[None]] = {}
         self._controlling = asyncio.Lock()
+        self._looks = Looks(lambda name: self._channels.get(name), self._write)
         self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
@@ -80,6 +82,8 @@ class PageSocket(SocketHandler):
         self.site.hub.viewers.discard(self)
         for name in tuple(getattr(self, '_channels', ())):
             self._unsubscribe(name)
+        if hasattr(self, '_looks'):
+            self._looks.close()
         for task in tuple(getattr(self, '_tasks', ())):
             task.cancel()
 
@@ -133,7 +137,7 @@ class PageSocket(SocketHandler):
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
             self._links.pop(message['unsubscribe'], None)
-        else:
+        elif not self._looks.ask(message):
             self._start_control(message)
         return None
 
@@ -185,41 +189,56 @@ class PageSocket(SocketHandler):
         options = self.site.hub.options(requested)
         link = self._links.get(name) or VideoLink(asyncio.get_running_loop().time)
         has_video = options.video and bool(self._codecs)
-        options = replace(options, video=has_video, slow=has_video and link.is_slow)
+        slow = has_video and link.is_slow
         channel = self._channels.get(name)
-        if channel and (channel.options.video, channel.options.slow) == (has_video, options.slow):
+        looks = options.looks and not has_video and self._may_look(name)
+        options = replace(options, video=has_video, slow=slow, looks=looks)
+        if channel and (channel.options.video, channel.options.slow, channel.options.held) == (
+                has_video, slow, options.held):
             channel.set_options(options)
             return None
+        if options.held and isinstance(channel, Channel) and channel.options.looks:
+            channel.set_options(options)
+            self.site.hub.release(channel.stream)
+            return None
         self._unsubscribe(name)
+        if options.held:
+            return None  # there is no picture to hold
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
         self._links[name] = link
         try:
-            stream = await self.site.hub.acquire(name, video=has_video, slow=options.slow)
+            stream = await self.site.hub.acquire(name, video=has_video, slow=slow)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
-        video = self.site.hub.video(stream, options.slow)
-        if has_video and video:
-            self._channels[name] = VideoChannel(
-                video, options, self._codecs, link=link,
-                send=lambda viewed: self._send(lambda sequence: pack_video(
-                    stream.number, sequence, viewed.stamp_ns / 10**9, time.time(), viewed.packet,
-                    viewed.number, viewed.name)),
-                refuse=lambda reason: self._post({'refused': {'topic': name, 'reason': reason}}))
-        else:
-            self._channels[name] = Channel(
-                stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
-                    stream.number, sequence, frame.stamp, time.time(), picture.data)))
+        video = self.site.hub.video(stream, slow) if has_video else None
+        self._channels[name] = VideoChannel(
+            video, options, self._codecs, link=link,
+            send=lambda viewed: self._send(lambda sequence: pack_video(
+                stream.number, sequence, viewed.stamp_ns / 10**9, time.time(), viewed.packet,
+                viewed.number, viewed.name)),
+            refuse=lambda reason: self._post({'refused': {'topic': name, 'reason': reason}}),
+        ) if video else Channel(
+            stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
+                stream.number, sequence, frame.stamp, time.time(),
+                (*picture.region.values, *picture.source_size), picture.data)))
         return None
+
+    def _may_look(self, name: str) -> bool:
+        """Return whether the frames of another topic may be kept for questions."""
+        others = [channel for topic, channel in self._channels.items()
+                  if topic != name and channel.options.looks]
+        return len(others) < MAX_LOOKS
 
     def _unsubscribe(self, name: str) -> None:
         channel = self._channels.pop(name, None)
         if channel:
             channel.close()
-            self.site.hub.release(channel.stream)
+            if not channel.options.held:
+                self.site.hub.release(channel.stream)
 
     def _send(self, pack: Callable[[int], bytes]) -> int:
         """Send the picture that is packed with a sequence number, and return this number."""

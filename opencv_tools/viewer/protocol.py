@@ -25,6 +25,7 @@ from typing import Any
 
 from opencv_tools.video.packet import CODECS, VideoPacket
 from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.region import Region
 
 #: Maximum size of a message of the page in bytes.
 MAX_MESSAGE_BYTES = 4096
@@ -35,15 +36,20 @@ WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
 #: Maximum number of topics in the list, and of those that a page looks at.
 MAX_TOPICS = 200
 
+#: Colours of depth.
+COLORS = ('turbo', 'gray')
+
 #: Ends of the names of topics with compressed images and with video.
 COMPRESSED, VIDEOS = '/compressed', ('/ffmpeg', '/foxglove')
 
 _HEAD = struct.Struct('>IIdd')
+_PLACE = struct.Struct('>6I')  # part of the image, and its width and height
 _VIDEO = 1 << 31  # in the number of the topic, before a packet of video
 # Whether it is a key frame, bytes of the codec string, width, height, number of the packet.
 _VIDEO_HEAD = struct.Struct('>BBHHI')
 _MAX_CODECS, _MAX_CODEC = 8, 16
 _MAX_WIDTH = 65_535
+_MAX_SIDE = 2**31  # pixels of an image
 _MAX_NAME = 256
 
 
@@ -59,6 +65,10 @@ class ViewOptions:
     :param limits: numbers that become black and white; None for those of each picture.
     :param video: whether packets of video are better than JPEGs.
     :param slow: whether the link does not carry the video of the topic.
+    :param region: the only part of the images that is shown; None for whole images.
+    :param colors: colours of depth, one of ``COLORS``.
+    :param looks: whether the viewer asks for values of the pixels.
+    :param held: whether the last picture stays, and no newer one is sent.
     """
 
     width: int = 0
@@ -68,9 +78,15 @@ class ViewOptions:
     limits: tuple[float, float] | None = None
     video: bool = False
     slow: bool = False
+    region: Region | None = None
+    colors: str = 'turbo'
+    looks: bool = False
+    held: bool = False
 
 
-def pack_frame(topic: int, sequence: int, stamp: float, sent: float, picture: bytes) -> bytes:
+def pack_frame(
+    topic: int, sequence: int, stamp: float, sent: float, place: tuple[int, ...], picture: bytes,
+) -> bytes:
     """
     Return the binary message of a picture.
 
@@ -78,14 +94,17 @@ def pack_frame(topic: int, sequence: int, stamp: float, sent: float, picture: by
     :param sequence: number of the message, which the page answers.
     :param stamp: stamp of the frame in seconds.
     :param sent: time of sending in seconds of the system clock.
+    :param place: first column, first row, width and height of the part of the image that is
+        shown, and width and height of the image.
     :param picture: content of a JPEG file.
     """
-    return _HEAD.pack(topic, sequence % 2**32, stamp, sent) + picture
+    return _HEAD.pack(topic, sequence % 2**32, stamp, sent) + _PLACE.pack(*place) + picture
 
 
-def unpack_frame(message: bytes) -> tuple[int, int, float, float, bytes]:
+def unpack_frame(message: bytes) -> tuple[int, int, float, float, tuple[int, ...], bytes]:
     """Return the arguments of ``pack_frame`` from a binary message."""
-    return (*_HEAD.unpack_from(message), message[_HEAD.size:])
+    return (*_HEAD.unpack_from(message), _PLACE.unpack_from(message, _HEAD.size),
+            message[_HEAD.size + _PLACE.size:])
 
 
 def pack_video(
@@ -190,14 +209,65 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
     if limits is not None:
         if not isinstance(limits, list) or len(limits) != 2:
             raise RequestError('range is not a list of two numbers')
-        limits = (_number(limits[0], 'range', -math.inf, math.inf),
-                  _number(limits[1], 'range', -math.inf, math.inf))
+        limits = (valid_number(limits[0], 'range', -math.inf, math.inf),
+                  valid_number(limits[1], 'range', -math.inf, math.inf))
+    colors = message.get('colors', COLORS[0])
+    if colors not in COLORS:
+        raise RequestError(f'colors is {str(colors)[:40]!r}: give one of {", ".join(COLORS)}')
     return ViewOptions(
-        width=int(_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
-        quality=int(_number(message.get('quality', 0), 'quality', 0, 100)),
-        rate=_number(message.get('rate', 0), 'rate', 0, 1000),
+        width=int(valid_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
+        quality=int(valid_number(message.get('quality', 0), 'quality', 0, 100)),
+        rate=valid_number(message.get('rate', 0), 'rate', 0, 1000),
         fixed=message.get('fixed', False) is True, limits=limits,
-        video=message.get('video', False) is True)
+        video=message.get('video', False) is True, region=parse_region(message.get('region')),
+        colors=colors, looks=message.get('looks', False) is True,
+        held=message.get('held', False) is True)
+
+
+def parse_region(values: Any) -> Region | None:
+    """
+    Read a part of an image; None is the whole image.
+
+    :raises RequestError: it is not a list of four numbers, or a number is invalid.
+    """
+    if values is None:
+        return None
+    if not isinstance(values, list) or len(values) != 4:
+        raise RequestError('region is not a list of four numbers')
+    x, y, width, height = (int(valid_number(value, 'region', least, _MAX_SIDE))
+                           for value, least in zip(values, (0, 0, 1, 1), strict=True))
+    return Region(x=x, y=y, width=width, height=height)
+
+
+def parse_point(values: Any, name: str) -> tuple[int, int]:
+    """
+    Read the column and the row of a pixel.
+
+    :param values: list of two numbers.
+    :param name: name of the value, for the message.
+    :raises RequestError: it is not such a list.
+    """
+    if not isinstance(values, list) or len(values) != 2:
+        raise RequestError(f'{name} is not a list of two numbers')
+    x, y = (int(valid_number(value, name, 0, _MAX_SIDE)) for value in values)
+    return x, y
+
+
+def valid_number(value: Any, name: str, low: float, high: float) -> float:
+    """
+    Return a number of a message.
+
+    :param value: value of the message.
+    :param name: name of the value, for the message.
+    :param low: smallest valid number.
+    :param high: largest valid number.
+    :raises RequestError: the value is invalid.
+    """
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not is_number or not low <= value <= high or abs(value) > 1e300:
+        raise RequestError(f'{name} is {str(value)[:40]!r}: give a number'
+                           + (f' from {low:g} to {high:g}' if math.isfinite(high) else ''))
+    return float(value)
 
 
 def number_of(text: str, name: str, low: float, high: float) -> float:
@@ -211,9 +281,9 @@ def number_of(text: str, name: str, low: float, high: float) -> float:
     :raises RequestError: the value is invalid.
     """
     try:
-        return _number(float(text), name, low, high)
+        return valid_number(float(text), name, low, high)
     except ValueError:
-        return _number(text, name, low, high)
+        return valid_number(text, name, low, high)
 
 
 def step_width(width: int) -> int:
@@ -224,14 +294,6 @@ def step_width(width: int) -> int:
 def finite(value: float) -> float | None:
     """Return a number that JSON can hold, or None."""
     return value if math.isfinite(value) else None
-
-
-def _number(value: Any, name: str, low: float, high: float) -> float:
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high or abs(value) > 1e300:
-        raise RequestError(f'{name} is {str(value)[:40]!r}: give a number'
-                           + (f' from {low:g} to {high:g}' if math.isfinite(high) else ''))
-    return float(value)
 
 
 def _refuse_constant(name: str) -> None:

@@ -23,17 +23,17 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
-from opencv_tools.cv_bridge import CvBridgeError
-from opencv_tools.image.cdr import WireMessage
-from opencv_tools.image.errors import ImageError
-from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
-from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
-from opencv_tools.viewer.errors import MAX_MESSAGE
+from opencv_tools.viewer.depth_range import DepthRange
+from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
+from opencv_tools.viewer.pixels import Pixels, read_pixels
 
 _P = ParamSpec('_P')
 _T = TypeVar('_T')
+
+# Pictures of a frame that are kept for other pages; a page may request any region.
+_MAX_PICTURES = 16
 
 
 class Stream:
@@ -69,12 +69,14 @@ class Stream:
         self._loop = loop
         self._pool = pool
         self._log = log
+        self._range = DepthRange()
         self._error = ''  # of the newest picture
         self._logged = ''
         self._broken = 0
         self._broken_number = 0
         self._is_notified = False
         self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | str]]] = {}
+        self._pixels: tuple[int, asyncio.Future[Pixels]] | None = None
 
     @property
     def broken(self) -> int:
@@ -93,7 +95,8 @@ class Stream:
         quiet = feed.quiet_seconds
         return {
             'id': self.number, 'name': self.name, 'width': width, 'height': height,
-            'encoding': picture.encoding if picture else '', 'rate': round(feed.rate, 1),
+            'encoding': picture.encoding if picture else '',
+            'unit': picture.unit if picture else '', 'rate': round(feed.rate, 1),
             'frames': feed.frames, 'broken': self.broken, 'encodings': self.encodings,
             'quiet': None if quiet is None else round(quiet, 2)}
 
@@ -108,13 +111,27 @@ class Stream:
         number, future = self._pictures.get(options, (0, None))
         if future is None or number != frame.number:
             self.encodings += 1
-            future = self._loop.run_in_executor(self._pool, _encode, frame.message, options)
+            future = self._loop.run_in_executor(
+                self._pool, picture_or_reason, frame.message, options, self._range.limits)
             future.add_done_callback(
                 lambda done: self.record(frame.number, done.result()))
-            self._pictures = {key: value for key, value in self._pictures.items()
-                              if value[0] == frame.number}
+            kept = [(key, value) for key, value in self._pictures.items()
+                    if value[0] == frame.number]
+            self._pictures = dict(kept[-_MAX_PICTURES:])
             self._pictures[options] = frame.number, future
         return future
+
+    async def pixels(self, frame: NewFrame) -> Pixels:
+        """
+        Return the pixels of a frame, upright; those of the last one are kept.
+
+        :raises ImageError: the message is not a valid image.
+        :raises CvBridgeError: the message is not a valid image.
+        """
+        if self._pixels is None or self._pixels[0] != frame.number:
+            self._pixels = frame.number, asyncio.ensure_future(
+                self.in_pool(read_pixels, frame.message, upright=True))
+        return await asyncio.shield(self._pixels[1])
 
     async def next_frame(self, after: int, seconds: float) -> NewFrame | None:
         """
@@ -152,6 +169,8 @@ class Stream:
         """
         if isinstance(outcome, Picture):
             self.last_picture = outcome
+            if outcome.measured:
+                self._range.follow(outcome.measured, self._loop.time())
             self._error = ''
             return
         self._error = outcome
@@ -173,11 +192,3 @@ class Stream:
         self._is_notified = False
         for watcher in tuple(self.watchers):
             watcher()
-
-
-def _encode(message: WireMessage, options: PictureOptions) -> Picture | str:
-    """Return the picture of a message, or the reason why it has none."""
-    try:
-        return encode_picture(message, options)
-    except (CvBridgeError, ImageError) as err:
-        return printable(err, MAX_MESSAGE)

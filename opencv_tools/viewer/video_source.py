@@ -21,6 +21,7 @@ from typing import Protocol
 
 from opencv_tools.viewer.encoding import Picture
 from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
+from opencv_tools.viewer.region import region_within
 from opencv_tools.viewer.stream import Stream
 
 # Packets since the last key frame that a page gets at once when it comes, and their bytes.
@@ -101,7 +102,8 @@ class VideoSource:
         self._keep(viewed)
         size = packet.width, packet.height
         self.stream.record(viewed.number, Picture(  # for the state of the topic
-            data=b'', width=size[0], height=size[1], source_size=size, encoding=packet.codec))
+            data=b'', width=size[0], height=size[1], source_size=size, encoding=packet.codec,
+            region=region_within(None, *size)))
         for channel in tuple(self.channels):
             channel.packet_arrived(viewed)
 

@@ -129,7 +129,7 @@ def test_value_of_another_program(camera_page: Page, node: Node) -> None:
 
 
 def test_stopped_camera(camera_page: Page) -> None:
-    camera_page.wait_for('document.querySelector("#controls button")?.textContent')
+    camera_page.wait_for('document.querySelector("#controls button")?.checkVisibility()')
     press = ('[...document.querySelectorAll("#controls button")].find('
              '(one) => one.textContent === "{}").click()')
     camera_page.evaluate(press.format('Stop camera'))
@@ -152,7 +152,7 @@ def test_no_controls_by_default(
     start('img_publisher', source='pattern:64x48', publish_rate=20.0)
     page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
     page.wait_for(f'numberOf("{TOPIC}") >= 0')
-    assert page.evaluate('document.getElementById("panel").hidden')
+    assert not page.evaluate('document.getElementById("panel").checkVisibility()')
     page.evaluate('sockets[0].send(JSON.stringify('
                   '{set: "/image_publisher", name: "jpeg_quality", value: 1}))')
     page.wait_for('document.getElementById("notice").textContent.startsWith("control is off")')

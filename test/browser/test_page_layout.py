@@ -275,12 +275,12 @@ def test_all_buttons_of_a_camera(
           camera_info_url=write_former(tmp_path / 'camera.yaml', 60.0, (64, 48)))
     viewer = start_viewer(control=True)
     page = browser.new_page(f'{viewer.url}&topic=/video_frames')
-    page.wait_for('document.querySelectorAll("#tools > :not([hidden], .all)").length === 8')
+    page.wait_for('document.querySelectorAll("#tools > :not([hidden], .all)").length === 10')
     page.wait_for('document.querySelectorAll("#controls [type=range]").length > 0')
     check_all(page)
     tops = page.evaluate('[...document.querySelectorAll("#tools > :not([hidden], .all)")].map('
                          '(one) => one.getBoundingClientRect().top)')
-    assert [tops.count(top) for top in dict.fromkeys(tops)] == [4, 4]
+    assert [tops.count(top) for top in dict.fromkeys(tops)] == [3, 4, 3]
 
 
 def test_page_that_asks_for_the_token(

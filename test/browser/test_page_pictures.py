@@ -29,6 +29,8 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sending import NANO
+from sensor_msgs.msg import CompressedImage
+from test_page_layout import check_all
 
 pytest_plugins = ['pages']
 
@@ -266,7 +268,7 @@ def test_range_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
     depth = Camera(camera, '/depth', LATCHED)
     image = np.repeat(np.array([[0, 1000, 2000, 3000]], np.uint16), 80, 1).repeat(240, 0)
     depth.publish_image(image, '16UC1')
-    page = browser.new_page(f'{viewer.url}?topic=/depth')
+    page = browser.new_page(f'{viewer.url}?topic=/depth&colors=gray')
     grays = ('[0.125, 0.375, 0.625, 0.875].map('
              '(x) => pixel(tileOf("/depth").querySelector("canvas"), x, 0.5)[0])')
     page.wait_for('numberOf("/depth") >= 0')
@@ -283,6 +285,44 @@ def test_range_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
     page.go(page.evaluate('location.href'))
     page.wait_for('numberOf("/depth") >= 0')
     assert page.evaluate(grays) == pytest.approx([0, 0, 255, 255], abs=3)
+
+
+def test_colours_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    depth = Camera(camera, '/depth', LATCHED)
+    image = np.repeat(np.array([[0.0, 1, 2, 3]], np.float32), 80, 1).repeat(240, 0)
+    depth.publish_image(image, '32FC1')
+    page = browser.new_page(f'{viewer.url}?topic=/depth')
+    page.wait_for('document.getElementById("bar").offsetWidth > 0')
+    colors = ('[0.125, 0.375, 0.625, 0.875].map('
+              '(x) => pixel(tileOf("/depth").querySelector("canvas"), x, 0.5))')
+    turbo = cv2.applyColorMap(np.array([[0, 128, 255]], np.uint8), cv2.COLORMAP_TURBO)[0, :, ::-1]
+    expected = np.vstack(([[128] * 3], turbo))
+    assert np.abs(np.array(page.evaluate(colors)) - expected).max() < 12
+    bar = 'document.getElementById("bar").innerText.split(/\\s*\\n\\s*/).join()'
+    assert page.evaluate(bar) == '1 m,3 m,no depth'
+    page.evaluate('document.getElementById("colors").value = "gray"; document.getElementById('
+                  '"colors").dispatchEvent(new Event("change", {bubbles: true}))')
+    page.wait_for(f'{colors}[3].every((one) => one > 250)')
+    assert page.evaluate('new URL(location).searchParams.get("colors")') == 'gray'
+    dark = page.evaluate(f'{colors}[0]')
+    assert np.abs(np.array(dark) - (0, 0, 110)).max() < 12
+    check_all(page)
+    page.go(page.evaluate('location.href'))
+    page.wait_for('document.getElementById("colors").value === "gray"')
+    page.wait_for('numberOf("/depth") >= 0')
+    page.wait_for(f'{colors}[3].every((one) => one > 250)')
+    assert page.complaints() == []
+
+
+def test_compressed_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    depth = np.full((480, 640), 1234, np.uint16)
+    content = bytes(12) + cv2.imencode('.png', depth)[1].tobytes()
+    camera.create_publisher(CompressedImage, '/depth/compressedDepth', LATCHED).publish(
+        CompressedImage(format='16UC1; compressedDepth png', data=content))
+    page = browser.new_page(f'{viewer.url}?topic=/depth/compressedDepth')
+    page.wait_for('document.getElementById("bar-low").textContent === "1234 mm"')
+    assert page.evaluate('factOf("/depth/compressedDepth", "size")') == '640 \u00d7 480'
+    assert page.complaints() == []
 
 
 def test_equal_limits_are_not_used(viewer: Viewer, browser: Browser, camera: Node) -> None:

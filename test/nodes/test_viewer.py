@@ -337,16 +337,19 @@ def test_depth_has_a_range(viewer: NodeProcess, node: Node) -> None:
     async def look() -> None:
         page = await Page.connect(address_of(viewer))
         await listed(page, '/depth')
-        await page.send(subscribe='/depth')
+        await page.send(subscribe='/depth', colors='gray')
         await camera.seen()
         camera.publish(depth, '16UC1')
         shown = (await page.picture()).pixels
         assert shown[24, 0] < 8
         assert shown[24, -1] > 247
-        assert (await page.status(lambda state: state['range']))['range'] == [1000, 3000]
-        await page.send(subscribe='/depth', range=[0, 6000])  # the same frame again
+        state = await page.status(lambda state: state['range'])
+        assert (state['range'], state['unit']) == ([depth[0, 1], depth[0, -2]], 'mm')
+        await page.send(subscribe='/depth', range=[0, 6000], colors='gray')  # the same frame again
         shown = (await page.picture()).pixels
         assert abs(int(shown[24, -1]) - 128) < 8
+        await page.send(subscribe='/depth', range=[0, 6000])
+        assert (await page.picture()).pixels.shape == (48, 64, 3)
 
     run_page(look())
 
@@ -466,6 +469,146 @@ def test_pages_are_limited(start: Start) -> None:
         assert await (await Page.connect(url)).text('hello')
 
     run_page(look())
+
+
+async def answer_to(page: Page, **question: Any) -> dict[str, Any]:
+    """Return the answer to a question about pixels."""
+    await page.send(**question)
+    return await page.text(next(iter(question)))
+
+
+async def look_into(page: Page, camera: Camera, **options: Any) -> int:
+    """Look into a topic, and return the number of its picture."""
+    await page.send(subscribe=camera.publisher.topic_name, looks=True, **options)
+    return (await page.picture()).sequence
+
+
+def test_questions_about_the_pixels_of_the_shown_frame(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'front', latched=True)
+    first, second = (np.full((48, 64, 3), (level, 2, 3), np.uint8) for level in (1, 200))
+    camera.publish(first)
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/front')
+        number = await look_into(page, camera)
+        pixel = {'pixel': '/front', 'at': [63, 47]}
+        assert await answer_to(page, **pixel, picture=number) == {
+            'topic': '/front', 'picture': number, 'text': 'B 1, G 2, R 3'}
+        camera.publish(second)
+        shown = await page.read()
+        while isinstance(shown, dict):
+            shown = await page.read()
+        # The page has not drawn the second picture yet, and asks about the first one.
+        assert (await answer_to(page, **pixel, picture=number))['text'] == 'B 1, G 2, R 3'
+        await page.send(got=shown.sequence)
+        later = await answer_to(page, **pixel, picture=shown.sequence)
+        assert later['text'] == 'B 200, G 2, R 3'
+        assert 'no more' in (await answer_to(page, **pixel, picture=number))['error']
+        line = await answer_to(page, profile='/front', picture=shown.sequence,
+                               **{'from': [0, 0], 'to': [9, 0]})
+        assert line['curves'] == [[200] * 10, [2] * 10, [3] * 10]
+        counts = await answer_to(page, histogram='/front', picture=shown.sequence, region=None)
+        assert counts['curves'][0][50] == 1
+        assert 'there is no pixel 64, 0' in (await answer_to(
+            page, pixel='/front', at=[64, 0], picture=shown.sequence))['error']
+
+    run_page(look())
+
+
+def test_region_of_a_large_image(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'front', latched=True)
+    image = gradient(3840, 2160)
+    camera.publish(image)
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/front')
+        await page.send(subscribe='/front', width=1280)
+        whole = await page.picture()
+        assert whole.place == (0, 0, 3840, 2160, 3840, 2160)
+        await page.send(subscribe='/front', width=1280, region=[1001, 500, 640, 360])
+        part = await page.picture()
+        assert part.place == (1000, 500, 642, 360, 3840, 2160)
+        assert part.pixels.shape == (360, 642, 3)
+        assert np.abs(part.pixels.astype(int) - image[500:860, 1000:1642]).max() < 12
+        await page.send(subscribe='/front', width=1280, region=[9000, 9000, 10, 10])
+        assert (await page.picture()).place == whole.place
+
+    run_page(look())
+
+
+def test_held_picture(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'front', latched=True)
+    camera.publish(gradient(640, 480))
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/front')
+        await look_into(page, camera)
+        held = {'subscribe': '/front', 'looks': True, 'held': True}
+        await page.send(**held)
+        await page.read_until(until(lambda: camera.publisher.get_subscription_count() == 0))
+        camera.publish(GRAY)
+        await page.send(**held, region=[100, 100, 64, 48])
+        part = await page.picture()
+        assert part.place == (100, 100, 64, 48, 640, 480)
+        values = ', '.join(f'{name} {value}' for name, value in zip(
+            'BGR', gradient(640, 480)[5, 600], strict=True))
+        assert (await answer_to(page, pixel='/front', picture=part.sequence, at=[600, 5])
+                )['text'] == values
+        await page.send(subscribe='/front', looks=True)
+        while (await page.picture()).place[4:] != (64, 48):
+            pass  # the publisher keeps both images
+        await page.send(unsubscribe='/front')
+        await page.send(**held)  # there is no picture to hold
+        await until(lambda: camera.publisher.get_subscription_count() == 0)
+        assert 'no more' in (await answer_to(
+            page, pixel='/front', picture=part.sequence, at=[0, 0]))['error']
+
+    run_page(look())
+
+
+def test_questions_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
+    cameras = [Camera(node, f'front_{number}', latched=True) for number in range(6)]
+    for camera in cameras:
+        camera.publish(GRAY)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        page = await Page.connect(url)
+        await listed(page, *(camera.publisher.topic_name for camera in cameras))
+        numbers = [await look_into(page, camera) for camera in cameras]
+        answers = [await answer_to(page, pixel=f'/front_{place}', picture=number, at=[0, 0])
+                   for place, number in enumerate(numbers)]
+        # The frames of four topics are kept.
+        assert ['error' in answer for answer in answers] == [False] * 4 + [True] * 2
+        for wrong in ({'pixel': '/front_0'}, {'pixel': 5, 'at': [0, 0]},
+                      {'pixel': '/front_0', 'picture': 1, 'at': [-1, 0]},
+                      {'pixel': '/front_0', 'picture': 'a', 'at': [0, 0]},
+                      {'profile': '/front_0', 'picture': 1, 'from': [0, 0]},
+                      {'histogram': '/front_0', 'picture': 1, 'region': [0]},
+                      {'subscribe': '/front_0', 'region': [0, 0, 0, 0]}):
+            await page.send(**wrong)
+            assert await page.text('error')
+        for _ in range(3000):
+            page.socket.write_message(json.dumps(
+                {'histogram': '/front_0', 'picture': numbers[0], 'region': None}))
+        await page.send(ping=7)
+        answered = 0
+        while True:
+            message = await page.read()
+            if isinstance(message, dict) and 'pong' in message:
+                break
+            answered += isinstance(message, dict) and 'histogram' in message
+        assert answered < 3000  # a question replaces one that waits
+        await page.send(subscribe='/front_0', video=True, held=True)
+        assert (await fetch(url, '/healthz')).body == b'ok\n'
+
+    run_page(look())
+    viewer.interrupt()
+    assert viewer.finish() == 0
+    assert 'Traceback' not in viewer.output
 
 
 def test_rubbish_in_the_websocket(viewer: NodeProcess) -> None:

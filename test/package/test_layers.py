@@ -39,7 +39,8 @@ PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.logs',
         'opencv_tools.viewer.access', 'opencv_tools.viewer.certificate',
         'opencv_tools.viewer.errors',
         'opencv_tools.viewer.link_rate', 'opencv_tools.viewer.page_files',
-        'opencv_tools.viewer.protocol', 'opencv_tools.viewer.robot.reader')
+        'opencv_tools.viewer.protocol', 'opencv_tools.viewer.region',
+        'opencv_tools.viewer.robot.reader')
 ALLOWED = {
     'opencv_tools.bags': {'opencv_tools.bags', 'opencv_tools.image',
                           'opencv_tools.regular_files', 'opencv_tools.video', 'lz4', 'mcap',
@@ -140,7 +141,9 @@ ALLOWED = {
     'opencv_tools.viewer.errors': set(),
     'opencv_tools.viewer.link_rate': {'opencv_tools.viewer.protocol'},
     'opencv_tools.viewer.page_files': set(),
-    'opencv_tools.viewer.protocol': {'opencv_tools.video.packet', 'opencv_tools.viewer.errors'},
+    'opencv_tools.viewer.protocol': {'opencv_tools.video.packet', 'opencv_tools.viewer.errors',
+                                     'opencv_tools.viewer.region'},
+    'opencv_tools.viewer.region': set(),
     'opencv_tools.robot': {'opencv_tools.robot', 'opencv_tools.image.text',
                            'opencv_tools.regular_files', 'opencv_tools.signals',
                            'opencv_tools.standard_streams', 'ament_index_python', 'lxml',

@@ -48,6 +48,7 @@ class ShownPicture:
     sequence: int
     stamp: float
     sent: float
+    place: tuple[int, ...]
     data: bytes
 
     @property

@@ -28,7 +28,7 @@ from opencv_tools.image.display import finite_limits
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image_codecs import convert_image
-from opencv_tools.viewer.encoding import message_pixels
+from opencv_tools.viewer.pixels import read_pixels
 
 # A thorough search that finds nothing is repeated after this time, and this multiple of its own.
 _THOROUGH_SECONDS, _THOROUGH_PART = 1.0, 3.0
@@ -59,11 +59,11 @@ def gray_image(message: WireMessage) -> NDArray[np.uint8]:
         be shown.
     :raises CvBridgeError: the same, of a raw image.
     """
-    image, name = message_pixels(message)
+    pixels = read_pixels(message)
+    image, encoding = pixels.image, pixels.encoding
     if not 0 < image.shape[0] * image.shape[1] <= _MAX_PIXELS:
         raise ImageError(f'an image of {image.shape[1]}x{image.shape[0]} is not searched for a '
                          'board: make the images smaller')
-    encoding = find_encoding(name)
     is_small = np.dtype(encoding.dtype) == np.uint8
     if encoding.kind in ('bayer', 'yuv'):
         color = find_encoding('bgr8' if is_small else 'bgr16')

@@ -38,11 +38,6 @@ let state = null;
 let noticeTimer = 0;
 let shownNotice = '';
 
-const tile = new Tile(topic);
-tile.link.removeAttribute('aria-label'); // it leads nowhere here
-part('picture').append(tile.element);
-const overlay = new Overlay(tile.link, topic);
-
 const pictures = new Connection({
   connected(hello) {
     ({ widths } = hello);
@@ -61,9 +56,13 @@ const pictures = new Connection({
     if (message.error) tile.refusal = message.error;
   },
   frame(bytes) {
-    tile.draw(pictures, bytes);
+    tile.draw(bytes);
   },
 });
+const tile = new Tile(topic, pictures);
+tile.link.removeAttribute('aria-label'); // it leads nowhere here
+part('picture').append(tile.element);
+const overlay = new Overlay(tile.link, topic);
 
 const session = new Connection({
   connected(hello) {
@@ -146,8 +145,8 @@ function show() {
   write('hint', sentence(nextStep()));
   if (!state?.board) write('capture', '');
   const width = widths.find((step) => step >= tile.width) ?? 0;
-  tile.ask(pictures, !document.hidden, { width, rate: RATE });
-  tile.show(pictures, present);
+  tile.ask(!document.hidden, { width, rate: RATE });
+  tile.show(present);
 }
 
 /** Say the next step and the newest view to a screen reader, but not each change. */

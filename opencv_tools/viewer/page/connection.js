@@ -27,20 +27,16 @@ function now() {
 
 /** Difference between the clocks of server and page, from the quickest of the last pings. */
 class Clock {
-  #samples = [];
+  samples = [];
 
   add(sent, received, server) {
-    this.#samples.push({ roundTrip: received - sent, offset: server - (sent + received) / 2 });
-    this.#samples.splice(0, this.#samples.length - CLOCK_SAMPLES);
-  }
-
-  get count() {
-    return this.#samples.length;
+    this.samples.push({ roundTrip: received - sent, offset: server - (sent + received) / 2 });
+    this.samples.splice(0, this.samples.length - CLOCK_SAMPLES);
   }
 
   get offset() {
-    return this.#samples.reduce((best, one) => (one.roundTrip < best.roundTrip ? one : best),
-      this.#samples[0] ?? { offset: 0 }).offset;
+    return this.samples.reduce((best, one) => (one.roundTrip < best.roundTrip ? one : best),
+      this.samples[0] ?? { offset: 0 }).offset;
   }
 }
 
@@ -113,7 +109,7 @@ export class Connection {
       this.#listener.connected(message.hello);
     } else if (message.pong) {
       this.#clock.add(message.pong, now(), message.now);
-      if (this.#clock.count < FIRST_PINGS) this.#ping();
+      if (this.#clock.samples.length < FIRST_PINGS) this.#ping();
     } else {
       this.#listener.received(message);
     }
@@ -124,14 +120,10 @@ export class Connection {
   }
 
   #close(sentence = '') {
-    const socket = this.#socket;
-    if (socket) {
-      socket.onmessage = socket.onclose = null;
-      socket.close();
-    }
+    this.#socket.onmessage = this.#socket.onclose = null;
+    this.#socket.close();
     this.#socket = null;
     this.#listener.disconnected(sentence);
-    clearTimeout(this.#retry);
     if (document.hidden) return;
     this.#retry = setTimeout(() => this.#open(), this.#retryMs);
     this.#retryMs = Math.min(2 * this.#retryMs, LAST_RETRY_MS);
@@ -140,15 +132,12 @@ export class Connection {
 
   /** Ask why the server refuses the WebSocket, which the browser does not tell. */
   async #explain() {
-    const timeout = new AbortController();
-    const timer = setTimeout(() => timeout.abort(), ANSWER_MS);
     try {
-      const answer = await fetch('/topics', { cache: 'no-store', signal: timeout.signal });
+      const signal = AbortSignal.timeout(ANSWER_MS);
+      const answer = await fetch('/topics', { cache: 'no-store', signal });
       if (!answer.ok && !this.isOpen) this.#listener.disconnected((await answer.text()).trim());
     } catch {
       // The server does not answer, as the page says already.
-    } finally {
-      clearTimeout(timer);
     }
   }
 

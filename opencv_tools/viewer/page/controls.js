@@ -170,7 +170,6 @@ class CameraPanel {
     const buttons = make('p', 'buttons');
     for (const [on, text] of [[true, 'Start camera'], [false, 'Stop camera']]) {
       const button = make('button', '', text);
-      button.type = 'button';
       button.addEventListener('click', () => this.send({ capture: this.node, on }));
       buttons.append(button);
     }
@@ -205,10 +204,6 @@ export class Controls {
     this.#notify = notify;
   }
 
-  get isEmpty() {
-    return this.#element.childElementCount === 0;
-  }
-
   /** Begin a connection, with or without controls. */
   enable(isEnabled) {
     this.#isEnabled = isEnabled;
@@ -238,7 +233,6 @@ export class Controls {
   #recorder(node) {
     const section = make('section', 'node');
     const button = make('button', '', 'Record the next picture');
-    button.type = 'button';
     button.addEventListener('click', () => this.#send({ save: node }));
     section.append(make('h2', '', node), button);
     return section;

@@ -13,7 +13,7 @@
 // limitations under the License.
 
 const GAP = 16; // pixels between tiles
-const CAPTION = 52; // pixels of the texts below a picture
+const CAPTION = 60; // pixels of the texts below a picture
 const LEAST_TILE = 280; // width in pixels
 
 /**
@@ -31,7 +31,7 @@ function fit(count, width, height, caption, ratio, least) {
     if (tile >= least && score > best.score) best = { score, columns, tile };
   }
   if (best.score) return best;
-  const most = Math.floor((width + GAP) / (LEAST_TILE + GAP));
+  const most = Math.floor((width + GAP) / (least + GAP));
   const columns = Math.max(1, Math.min(count, most));
   return { columns, tile: (width + GAP) / columns - GAP };
 }
@@ -41,16 +41,17 @@ function fit(count, width, height, caption, ratio, least) {
  *
  * @param count number of tiles.
  * @param ratio width of a picture to its height.
- * @param one the only visible tile; undefined for all.
+ * @param one tile that is shown alone, or beside another one; undefined for all.
+ * @param size least width of a tile in pixels, which may be off the screen; 0 for no matter.
  */
-export function arrange(count, ratio, one) {
+export function arrange(count, ratio, one, size) {
   const cameras = document.getElementById('cameras');
   const below = document.querySelector('footer').offsetHeight
     + document.getElementById('more').offsetHeight + GAP;
   const height = innerHeight - document.getElementById('content').offsetTop - GAP - below;
   const caption = one ? one.element.offsetHeight - one.link.offsetHeight : CAPTION;
-  const { columns, tile } = fit(one ? 1 : count, cameras.clientWidth, height, caption, ratio,
-    one ? 1 : LEAST_TILE);
+  const { columns, tile } = fit(count, cameras.clientWidth, size && !one ? 0 : height, caption,
+    ratio, one && count === 1 ? 1 : (!one && size) || LEAST_TILE);
   cameras.style.setProperty('--ratio', ratio);
   cameras.style.setProperty('--columns', columns);
   cameras.style.setProperty('--tile', `${tile}px`);

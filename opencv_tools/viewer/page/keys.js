@@ -15,13 +15,13 @@
 /**
  * Call actions at keys, unless the key belongs to the element with the focus.
  *
- * @param actions returns the present actions by the name of their key.
+ * @param actionOf returns the present action of a key by its name; undefined for none.
  */
-export function listenToKeys(actions) {
+export function listenToKeys(actionOf) {
   document.addEventListener('keydown', (event) => {
     const isTyping = event.target.closest('input, select') && event.key !== 'Escape';
     const isPressing = event.key === ' ' && event.target.closest('button, summary');
-    const action = actions()[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    const action = actionOf(event.key.length === 1 ? event.key.toLowerCase() : event.key);
     const isShortcut = event.ctrlKey || event.metaKey || event.altKey;
     if (!action || isTyping || isPressing || isShortcut) return;
     event.preventDefault();

@@ -21,7 +21,10 @@ export function readLimits(text) {
   return isValid ? limits : null;
 }
 
-/** Form with the numbers that become black and white in a picture of depth. */
+/** Return a number with its unit. */
+const measure = (value, unit) => `${Number(value.toPrecision(4))} ${unit}`;
+
+/** Form with the range and the colours of depth. */
 export class RangeForm {
   #form = part('range');
   #onChange;
@@ -29,7 +32,7 @@ export class RangeForm {
   /**
    * Listen to the form.
    *
-   * @param onChange called with two numbers, or with null for automatic limits.
+   * @param onChange called with two numbers, or null for automatic limits; and with the colours.
    */
   constructor(onChange) {
     this.#onChange = onChange;
@@ -37,19 +40,23 @@ export class RangeForm {
     this.#form.addEventListener('submit', (event) => event.preventDefault());
   }
 
-  get isHidden() {
-    return this.#form.hidden;
-  }
-
   /**
    * Show the limits.
    *
    * @param used limits of the present picture; null if it has none.
    * @param chosen limits that somebody has chosen; null for automatic limits.
+   * @param colors colours that somebody has chosen; '' for the first ones.
+   * @param unit of depth; '' for other numbers.
    */
-  show(used, chosen) {
+  show(used, chosen, colors, unit) {
     this.#form.hidden = !used;
     if (!used) return;
+    for (const element of this.#form.querySelectorAll('[data-of]')) element.hidden = !unit;
+    part('colors').value = colors || part('colors').options[0].value;
+    part('bar').dataset.colors = part('colors').value;
+    const [low, high] = chosen ?? used;
+    part('bar-low').textContent = measure(low, unit);
+    part('bar-high').textContent = measure(high, unit);
     part('automatic').checked = !chosen;
     for (const [place, input] of [part('low'), part('high')].entries()) {
       input.readOnly = !chosen;
@@ -61,7 +68,9 @@ export class RangeForm {
   #change() {
     const limits = readLimits(`${part('low').valueAsNumber},${part('high').valueAsNumber}`);
     part('high').setCustomValidity(limits ? '' : 'Give two different numbers.');
-    if (part('automatic').checked) this.#onChange(null);
-    else if (this.#form.reportValidity()) this.#onChange(limits);
+    const { value: colors, options: [first] } = part('colors');
+    const isValid = part('automatic').checked || this.#form.reportValidity();
+    if (isValid) this.#onChange(part('automatic').checked ? null : limits,
+      colors === first.value ? '' : colors);
   }
 }

@@ -12,6 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { keep } from './address.js';
+
 /** The robot in the grid: its own page in a frame, which exists while it is shown. */
 export class Robot {
   #cameras;
@@ -30,10 +32,7 @@ export class Robot {
     this.#cameras = cameras;
     this.#button.addEventListener('click', () => {
       this.#isHidden = !this.#isHidden;
-      const url = new URL(location);
-      if (this.#isHidden) url.searchParams.set('robot', 'hidden');
-      else url.searchParams.delete('robot');
-      history.replaceState(null, '', url);
+      keep({ robot: this.#isHidden && 'hidden' });
       onChange();
     });
     this.onChange = onChange;

@@ -12,21 +12,24 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { Look } from './look.js';
 import { age, number, size, rate, showName } from './text.js';
 import { Video } from './video.js';
+import { View } from './view.js';
 
 const RETRY_MS = 30000; // until the video is tried again after errors of the decoder
-const HEAD_BYTES = 24;
+const PLACE = 24; // in the head: part of the image and its size, six numbers
+const HEAD_BYTES = 48;
 const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
 const AGES = 30;
-const ENLARGED = 2; // a picture that is larger than this shows its pixels as squares
 
 /** Picture of one topic with its facts. */
 export class Tile {
   element = document.getElementById('tile').content.firstElementChild.cloneNode(true);
-  status = null;
+  status = {};
   topic = null;
   range = null;
+  colors = ''; // of depth; '' for the first ones
   isRectified = false; // whether the tile of the rectified pictures is shown instead
   inView = false;
   refusal = '';
@@ -39,8 +42,15 @@ export class Tile {
   #age = NaN;
   #part = (name) => this.element.querySelector(name);
 
-  constructor(name) {
+  /**
+   * Create a tile without a picture.
+   *
+   * @param onLook called after a zoom; undefined for a picture that nobody looks into.
+   * @param onPoint called with a place of the cursor.
+   */
+  constructor(name, connection, onLook, onPoint) {
     this.name = name;
+    this.connection = connection;
     this.element.dataset.topic = name;
     showName(this.#part('.name'), name);
     this.canvas = this.#part('canvas');
@@ -48,17 +58,36 @@ export class Tile {
     this.link = this.#part('.frame');
     this.link.setAttribute('aria-label', `Show ${name}`);
     this.context = this.canvas.getContext('2d', { alpha: false });
+    this.view = new View(this.link, this.canvas);
+    if (!onLook) return;
+    this.look = new Look(this, (message) => connection.send(message), onPoint);
+    this.view.listen(onLook, (event) => this.look.use(event));
   }
 
   /** Width that the picture can have, in pixels of the screen. */
   get width() {
-    return this.link.clientWidth * devicePixelRatio;
+    return this.view.width * devicePixelRatio;
+  }
+
+  /** Sequence number of the picture, for questions about it; -1 before the first one. */
+  get picture() {
+    return this.#drawn.sequence;
+  }
+
+  /** Whether the node can keep the picture while the page is paused. */
+  get isKept() {
+    return this.#asked !== '' && this.picture >= 0 && !this.isVideo;
+  }
+
+  get isVideo() {
+    return this.#video !== null;
   }
 
   /** Forget what was asked, because the connection is a new one or the topic appeared. */
   reset() {
     this.#asked = '';
     this.#drawn.sequence = -1;
+    this.look?.reset();
     this.refusal = '';
     this.refusesVideo = false;
     this.#endVideo(false);
@@ -72,14 +101,16 @@ export class Tile {
   /**
    * Ask the server for pictures, or for none, if that is not what it was asked last.
    *
-   * @param connection to ask.
    * @param wanted whether somebody looks.
    * @param options width, quality and rate.
    */
-  ask(connection, wanted, options) {
+  ask(wanted, options) {
+    const { connection } = this;
     if (!connection.isOpen || this.refusal) return;
     const request = { subscribe: this.name, ...options };
     if (this.range) request.range = this.range;
+    if (this.colors) request.colors = this.colors;
+    if (this.view.region && !request.video) request.region = this.view.region;
     const asked = wanted ? JSON.stringify(request) : '';
     if (asked === this.#asked) return;
     if (!this.#asked) this.#askedAt = connection.now;
@@ -89,12 +120,14 @@ export class Tile {
   }
 
   /** Decode and draw a packet of video, then answer the server. */
-  decode(connection, bytes) {
+  decode(bytes) {
     this.#video ??= new Video({
-      picture: (frame, head) => this.#show(connection, frame, head.width || frame.displayWidth,
-        head.height || frame.displayHeight, head),
-      answer: (sequence) => connection.send({ got: sequence }),
-      requestKey: () => connection.send({ key: this.name }),
+      picture: (frame, head) => {
+        const sides = [head.width || frame.displayWidth, head.height || frame.displayHeight];
+        this.#show(frame, sides, head, [0, 0, ...sides, ...sides]);
+      },
+      answer: (sequence) => this.connection.send({ got: sequence }),
+      requestKey: () => this.connection.send({ key: this.name }),
       failed: () => {
         this.refusesVideo = true;
         setTimeout(() => { this.refusesVideo = false; }, RETRY_MS);
@@ -104,7 +137,7 @@ export class Tile {
   }
 
   /** Draw a frame, then answer the server, which sends the next one. */
-  async draw(connection, bytes) {
+  async draw(bytes) {
     const head = new DataView(bytes);
     const sequence = head.getUint32(4);
     const stamp = head.getFloat64(8);
@@ -112,27 +145,33 @@ export class Tile {
     try {
       const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, HEAD_BYTES)],
         { type: 'image/jpeg' }));
-      this.#show(connection, picture, picture.width, picture.height, { sequence, stamp, sent });
+      const sides = [picture.width, picture.height];
+      let place = Array.from({ length: 6 }, (_, index) => head.getUint32(PLACE + 4 * index));
+      // A JPEG that came unchanged may be turned by its Exif orientation.
+      if (String(place.slice(4).reverse()) === String(sides)) place = [0, 0, ...sides, ...sides];
+      this.#show(picture, sides, { sequence, stamp, sent }, place);
       picture.close();
     } catch {
       // A broken picture is left out; the next one may be good.
     }
-    connection.send({ got: sequence });
+    this.connection.send({ got: sequence });
+    this.look?.ask();
   }
 
-  /** Draw a picture, unless a newer one is shown. */
-  #show(connection, picture, width, height, { sequence, stamp, sent }) {
+  /** Draw a picture of a part of an image, unless a newer one is shown. */
+  #show(picture, [width, height], { sequence, stamp, sent }, place) {
     if (sequence <= this.#drawn.sequence) return;
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     this.context.drawImage(picture, 0, 0);
     this.#drawn = {
-      sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: connection.now,
+      sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
       period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(),
     };
     this.#ages.push(this.#drawn.at - this.#drawn.from);
     this.#ages.splice(0, this.#ages.length - AGES);
     this.canvas.hidden = false;
+    this.view.show(place.slice(0, 4), place.slice(4));
     this.canvas.dispatchEvent(new CustomEvent('drawn', { detail: { sequence, stamp, sent } }));
   }
 
@@ -163,11 +202,10 @@ export class Tile {
   /**
    * Show the facts.
    *
-   * @param connection for its clock.
    * @param mood 'live', 'paused', 'stalled' or 'lost', of the whole page.
    */
-  show(connection, mood) {
-    const status = this.status ?? {};
+  show(mood) {
+    const { connection, status } = this;
     const isFrozen = this.#isFrozen(connection.now, mood);
     const reason = this.refusal || status.reason
       || (isFrozen ? `No new picture since ${this.#drawn.time}` : '');
@@ -177,9 +215,6 @@ export class Tile {
     this.#part('.reason').textContent = reason;
     this.link.title = reason;
     this.#part('.wait').hidden = hasPicture || Boolean(reason);
-    const scale = Math.min(this.link.clientWidth / status.width,
-      this.link.clientHeight / status.height) * devicePixelRatio;
-    this.canvas.classList.toggle('enlarged', scale > ENLARGED);
     const { sent } = status;
     const facts = [
       ['Size', size(status)],
@@ -191,6 +226,7 @@ export class Tile {
       ['Shown', sent && [size(sent), (sent.slow ? `${sent.video} for a slow link` : sent.video)
         || (sent.passed_through ? 'unchanged' : `quality ${sent.quality}`),
       rate(sent.rate)].join(', ')],
+      ['Zoom', hasPicture && `${Math.round(100 * this.view.scale * devicePixelRatio)} %`],
       ['Link', status.link && `${number(status.link)} Mbit/s`],
     ];
     this.#showFacts(facts.filter(([, text]) => text));

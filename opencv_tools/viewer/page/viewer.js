@@ -12,7 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { copyText } from './clipboard.js';
+import { addressWith, copyText, keep } from './address.js';
+import { Arrangement } from './arrangement.js';
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
 import { arrange } from './grid.js';
@@ -27,18 +28,19 @@ import { decodedCodecs, explainJpeg, readTopic } from './video.js';
 
 const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
-const SETTLE_MS = 200;
+const SETTLE_MS = 100;
+const ZOOM = 1.5; // of a press of a button
 const STALLED_SECONDS = 2; // two pings without an answer
 
 const part = (id) => document.getElementById(id);
 const cameras = part('cameras');
-const address = new URL(location);
-address.searchParams.delete('token');
-history.replaceState(null, '', address);
+keep({ token: '' });
+const { searchParams: given } = new URL(location);
 
+const arrangement = new Arrangement();
 const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
-let selected = address.searchParams.get('topic') ?? '';
+let selected = given.get('topic') ?? '';
 let host = '';
 let token = '';
 let control = false; // the parameter of the node
@@ -50,14 +52,14 @@ let isPaused = false;
 let noticeTimer = 0;
 
 const fixed = Object.fromEntries(['width', 'quality', 'rate']
-  .filter((name) => address.searchParams.has(name))
-  .map((name) => [name, Number(address.searchParams.get(name)) || 0]));
+  .filter((name) => given.has(name)).map((name) => [name, Number(given.get(name)) || 0]));
 if ('width' in fixed || 'quality' in fixed) fixed.fixed = true;
 const codecs = Object.keys(fixed).length ? [] : await decodedCodecs();
 
 const connection = new Connection({
   connected(hello) {
     ({ host, token, widths, video, control } = hello);
+    part('plain-link').hidden = !token;
     if (codecs.length) connection.send({ codecs });
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
@@ -84,13 +86,16 @@ const connection = new Connection({
     if (message.status) show();
     if (message.error) complain(message);
     if (message.refused) leaveVideo(message.refused);
+    for (const kind of ['pixel', 'profile', 'histogram']) {
+      if (message[kind]) tiles.get(message[kind].topic)?.look.receive(kind, message[kind]);
+    }
     controls.receive(message);
   },
   frame(bytes) {
     const { id, isVideo } = readTopic(bytes);
     const tile = numbers.get(id);
-    if (tile && isVideo) tile.decode(connection, bytes);
-    else if (tile) tile.draw(connection, bytes);
+    if (tile && isVideo) tile.decode(bytes);
+    else if (tile) tile.draw(bytes);
     else connection.send({ got: new DataView(bytes).getUint32(4) });
   },
 });
@@ -108,10 +113,15 @@ const inView = new IntersectionObserver((entries) => {
   ask();
 }, { rootMargin: '100px' });
 let settle = 0;
-const sizes = new ResizeObserver(() => {
-  clearTimeout(settle);
-  settle = setTimeout(ask, SETTLE_MS);
-});
+const sizes = new ResizeObserver(askSoon);
+
+/** Ask for other pictures, but not with each step of a movement. */
+function askSoon() {
+  settle ||= setTimeout(() => {
+    settle = 0;
+    ask();
+  }, SETTLE_MS);
+}
 
 /** Show a sentence below the head of the page; '' removes it. */
 function notify(sentence, disappears = true) {
@@ -149,7 +159,9 @@ function takesVideo(tile) {
 }
 
 function addTile(name) {
-  const tile = new Tile(name);
+  const tile = new Tile(name, connection, askSoon, (place) => {
+    for (const other of shownTiles()) if (other !== tile) other.look.follow(place);
+  });
   tiles.set(name, tile);
   tile.link.addEventListener('click', (event) => {
     if (event.ctrlKey || event.metaKey || event.shiftKey) return;
@@ -169,6 +181,7 @@ function listTopics(topics) {
     if (!names.includes(name)) {
       inView.unobserve(tile.element);
       sizes.unobserve(tile.link);
+      tile.ask(false, {});
       tile.element.remove();
       tiles.delete(name);
     }
@@ -181,11 +194,7 @@ function listTopics(topics) {
     tile.topic = topic;
     numbers.set(topic.id, tile);
   }
-  names.sort().forEach((name, place) => {
-    const { element } = tiles.get(name) ?? addTile(name);
-    const present = cameras.children[place];
-    if (present !== element) cameras.insertBefore(element, present);
-  });
+  for (const name of names) if (!tiles.has(name)) addTile(name);
   layOut();
 }
 
@@ -199,10 +208,15 @@ function countMore(count) {
 
 /** Ask for the pictures that somebody sees. */
 function ask() {
+  const [alone, other] = [shown(), beside()];
   for (const tile of tiles.values()) {
     const width = widths.find((step) => step >= tile.width) ?? 0;
     const options = takesVideo(tile) ? { width, video: true } : { width, ...fixed };
-    tile.ask(connection, tile.inView && !isPaused && !document.hidden, options);
+    const looks = Boolean(alone) && [alone, other].includes(tile.name);
+    if (looks) options.looks = true;
+    const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
+    if (held) options.held = true;
+    tile.ask(held || (tile.inView && !isPaused && !document.hidden), options);
   }
 }
 
@@ -211,20 +225,18 @@ function select(name, isNew = true) {
   const last = selected;
   selected = name;
   if (isNew) {
-    const url = new URL(location);
-    for (const setting of ['range', 'rectified']) url.searchParams.delete(setting);
-    if (name) url.searchParams.set('topic', name);
-    else url.searchParams.delete('topic');
+    const url = addressWith({ topic: name, range: '', colors: '', rectified: '' });
     history.pushState(null, '', url);
   }
   // A tile without a topic is there only while it is selected.
+  arrangement.keep();
   listTopics([...tiles.values()].map((tile) => tile.topic).filter(Boolean));
   scrollTo(0, 0);
   if (!name) tiles.get(last)?.link.focus();
 }
 
 function step(distance) {
-  const names = [...tiles.keys()].sort();
+  const names = arrangement.list([...tiles.keys()]);
   const place = names.indexOf(selected);
   if (names.length) select(names[(place + distance + names.length) % names.length]);
 }
@@ -234,28 +246,79 @@ function shown() {
   return (tiles.get(selected)?.isRectified && rectifiedOf(selected, tiles)) || selected;
 }
 
+/** Return the topic beside that which is shown alone; '' for none. */
+function beside() {
+  const name = selected && arrangement.get('beside');
+  return tiles.has(name) && name !== shown() ? name : '';
+}
+
+function shownTiles() {
+  return [...tiles.values()].filter((tile) => !tile.element.hidden);
+}
+
+/** Show the tiles in the order and as somebody has arranged them. */
+function arrangeTiles() {
+  const names = [...tiles.keys()];
+  const listed = arrangement.list(names);
+  const alone = shown() ? [shown(), beside()] : null;
+  [...new Set([...alone ?? [], ...listed].filter(Boolean))].forEach((name, place) => {
+    const { element } = tiles.get(name);
+    if (cameras.children[place] !== element) cameras.insertBefore(element, cameras.children[place]);
+  });
+  for (const [name, tile] of tiles) {
+    tile.element.hidden = !(alone ?? listed).includes(name);
+    tile.view.turn(arrangement.turned(name));
+    tile.element.querySelector('[data-arrange=pin]').ariaPressed = arrangement.has('pin', name);
+  }
+  document.body.toggleAttribute('data-beside', beside() !== '');
+  const hidden = names.filter((name) => arrangement.has('hide', name)).length;
+  part('unhide').hidden = !hidden;
+  part('unhide').textContent = `Show ${hidden} hidden`;
+  part('search').hidden = part('size').hidden = part('beside').hidden = names.length < 2;
+  const others = ['', ...names.sort().filter((name) => name !== shown())]
+    .map((name) => new Option(name || 'Beside: none', name));
+  const list = (options) => Array.from(options, ({ value }) => value).join();
+  if (list(others) !== list(part('beside').options)) part('beside').replaceChildren(...others);
+  part('beside').value = beside();
+  part('size').value = arrangement.get('size');
+  if (part('search') !== document.activeElement) part('search').value = arrangement.get('search');
+}
+
+function arrangeBy(name, value) {
+  arrangement.set(name, value);
+  layOut();
+}
+
+/** Pin or hide a topic, or pin it before another one. */
+function rearrange(name, topic, before) {
+  if (!tiles.has(topic) || topic === before) return;
+  arrangement.toggle(name, topic, before);
+  layOut();
+}
+
 /** Show one topic or all, as somebody has chosen. */
 function layOut() {
   document.body.dataset.view = selected ? 'one' : 'all';
   const title = selected || (host ? `Cameras of ${host}` : 'Cameras');
   showName(part('title'), title);
   document.title = selected && host ? `${selected} – ${host}` : title;
-  part('pause').setAttribute('aria-pressed', String(isPaused));
+  part('pause').ariaPressed = isPaused;
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
   robot.show(!selected, isPaused);
   part('calibrate').hidden = !control || !selected || isRectified(selected);
   part('calibrate').href = `/calibrate?topic=${encodeURIComponent(selected)}`;
   const alone = shown();
-  if (alone !== selected) tiles.get(alone).range = tiles.get(selected).range;
+  if (alone !== selected) {
+    const { range: limits, colors } = tiles.get(selected);
+    Object.assign(tiles.get(alone), { range: limits, colors });
+  }
   part('rectified').hidden = part('rectified-key').hidden = !rectifiedOf(selected, tiles);
-  part('rectified').setAttribute('aria-pressed', String(alone !== selected));
+  part('rectified').ariaPressed = alone !== selected;
+  arrangeTiles();
   for (const [name, tile] of tiles) {
-    const url = new URL(location);
-    url.searchParams.set('topic', name);
-    tile.element.hidden = Boolean(alone) && name !== alone;
     if (selected) tile.link.removeAttribute('href');
-    else tile.link.href = url;
+    else tile.link.href = addressWith({ topic: name });
   }
   const filling = document.fullscreenElement;
   if (filling && filling !== tiles.get(alone)?.link) document.exitFullscreen();
@@ -276,47 +339,37 @@ function show() {
   part('state').dataset.state = present;
   if (part('state').textContent !== words[present]) part('state').textContent = words[present];
   part('empty').hidden = tiles.size > 0 || robot.isShown || mood !== 'live';
-  const ratios = [];
-  for (const tile of tiles.values()) {
-    tile.show(connection, present);
-    if (tile.status?.width) ratios.push(tile.status.width / tile.status.height);
-  }
+  for (const tile of tiles.values()) tile.show(present);
+  const ratios = shownTiles().map((tile) => tile.view.ratio).filter(Boolean);
   ratios.sort((one, other) => one - other);
   const one = tiles.get(shown());
   showPanel();
-  arrange(tiles.size + robot.isShown, one?.status?.width
-    ? one.status.width / one.status.height : ratios[ratios.length >> 1] ?? 16 / 9, one);
+  arrange(shownTiles().length + (!selected && robot.isShown),
+    one?.view.ratio || (ratios[ratios.length >> 1] ?? 16 / 9), one,
+    Number(arrangement.get('size')) || 0);
   ask();
 }
 
 function showPanel() {
   const tile = tiles.get(shown());
-  range.show(tile?.status?.range, tile?.range);
+  range.show(tile?.status.range, tile?.range, tile?.colors, tile?.status.unit);
+  tile?.look.ask();
+  part('chart').hidden = !tile?.look.chart;
   controls.show(tiles.get(selected)?.topic?.nodes ?? []);
-  part('panel').hidden = range.isHidden && controls.isEmpty;
 }
 
-/** Keep a setting of the picture in the address; '' removes it. */
-function keep(setting, text) {
-  const url = new URL(location);
-  if (text) url.searchParams.set(setting, text);
-  else url.searchParams.delete(setting);
-  history.replaceState(null, '', url);
-}
-
-/** Use limits for the picture; null for automatic limits. */
-function setRange(limits) {
-  tiles.get(selected).range = limits;
-  keep('range', limits?.join());
+/** Use limits and colours for the picture; null for automatic limits, '' for the first colours. */
+function setRange(limits, colors) {
+  Object.assign(tiles.get(selected), { range: limits, colors });
+  keep({ range: limits?.join(), colors });
   layOut();
 }
 
 /** Show the rectified pictures of the topic, or the raw ones again. */
 function rectify() {
-  if (!rectifiedOf(selected, tiles)) return;
   const tile = tiles.get(selected);
   tile.isRectified = !tile.isRectified;
-  keep('rectified', tile.isRectified && 'true');
+  keep({ rectified: tile.isRectified && 'true' });
   layOut();
 }
 
@@ -327,18 +380,14 @@ function pause() {
 
 async function save(name) {
   if (!name) return;
-  try {
-    notify(`Saved ${await savePicture(name)}`);
-  } catch (error) {
-    notify(error.message);
-  }
+  const saved = savePicture(name).then((file) => `Saved ${file}`, ({ message }) => message);
+  notify(await saved);
 }
 
-/** Copy the address of the page with the token, which the address bar does not show. */
-function copyLink() {
-  const url = new URL(location);
-  if (token) url.searchParams.set('token', token);
-  const done = token ? 'Copied the link with its token' : 'Copied the link';
+/** Copy the address of the page, with the token, which the address bar does not show. */
+function copyLink(hasToken) {
+  const url = addressWith({ token: hasToken && token });
+  const done = hasToken ? 'Copied the link with its token' : 'Copied the link';
   notify(copyText(url.href) ? done : `Copy this link: ${url}`);
 }
 
@@ -347,9 +396,28 @@ function fillScreen() {
   else tiles.get(shown())?.link.requestFullscreen?.();
 }
 
+// What each button does to look into a picture.
+const LOOKS = {
+  in: ({ view }) => view.zoom(view.scale * ZOOM),
+  out: ({ view }) => view.zoom(view.scale / ZOOM),
+  fit: ({ view }) => view.zoom(0),
+  one: ({ view }) => view.zoom(1 / devicePixelRatio),
+  profile: (tile) => tile.look.toggle('profile'),
+  histogram: (tile) => tile.look.toggle('histogram'),
+  turn: (tile) => arrangement.turn(tile.name),
+  flip: (tile) => arrangement.turn(tile.name, true),
+};
+
+/** Look into a picture in another way. */
+function look(name, tile) {
+  if (tile.canvas.hidden) return;
+  LOOKS[name](tile);
+  layOut();
+}
+
 /** Move the focus in the grid. */
 function moveFocus(distance) {
-  const links = [...cameras.querySelectorAll('.frame')];
+  const links = [...cameras.querySelectorAll('.tile:not([hidden]) .frame')];
   const place = links.indexOf(document.activeElement);
   links[place < 0 ? 0 : Math.min(links.length - 1, Math.max(0, place + distance))]?.focus();
 }
@@ -359,44 +427,71 @@ function focused() {
 }
 
 const across = () => Number(cameras.style.getPropertyValue('--columns'));
-const EACH_KEYS = { ' ': pause, s: () => save(shown() || focused()) };
 const ALL_KEYS = {
-  ...EACH_KEYS,
+  ' ': pause,
+  s: () => save(focused()),
   ArrowLeft: () => moveFocus(-1),
   ArrowRight: () => moveFocus(1),
   ArrowUp: () => moveFocus(-across()),
   ArrowDown: () => moveFocus(across()),
+  p: () => rearrange('pin', focused()),
+  h: () => rearrange('hide', focused()),
 };
-const ONE_KEYS = {
-  ...EACH_KEYS,
-  ArrowLeft: () => step(-1),
-  ArrowRight: () => step(1),
-  Escape: () => select(''),
-  f: fillScreen,
-  r: rectify,
-};
-listenToKeys(() => (selected ? ONE_KEYS : ALL_KEYS));
+
+/** Return the press of the button of a key, for the picture that is shown alone. */
+function pressOf(key) {
+  const name = CSS.escape({ ' ': 'Space', '+': 'Plus' }[key] ?? key);
+  const button = document.querySelector(
+    `:is(header, .tile:not([hidden])) [aria-keyshortcuts="${name}" i]:not([hidden])`);
+  return button && (() => button.click());
+}
+
+listenToKeys((key) => (selected ? pressOf(key) : ALL_KEYS[key]));
 document.addEventListener('visibilitychange', ask);
 addEventListener('resize', show);
 addEventListener('popstate',
   () => select(new URL(location).searchParams.get('topic') ?? '', false));
-part('back').addEventListener('click', (event) => {
-  event.preventDefault();
-  select('');
+const BUTTONS = {
+  back: () => select(''),
+  previous: () => step(-1),
+  next: () => step(1),
+  pause,
+  save: () => save(shown()),
+  rectified: rectify,
+  full: fillScreen,
+  link: () => copyLink(Boolean(token)),
+  'plain-link': () => copyLink(false),
+  unhide: () => arrangeBy('hide', ''),
+};
+for (const [id, action] of Object.entries(BUTTONS)) {
+  part(id).addEventListener('click', (event) => {
+    event.preventDefault(); // of a link
+    action();
+  });
+}
+for (const name of ['search', 'size', 'beside']) {
+  part(name).addEventListener('input', ({ target }) => arrangeBy(name, target.value));
+}
+const topicOf = (element) => element.closest('.tile')?.dataset.topic;
+cameras.addEventListener('click', ({ target }) => {
+  const { arrange: name, look: way } = target.closest('button')?.dataset ?? {};
+  if (name) rearrange(name, topicOf(target));
+  if (way) look(way, tiles.get(topicOf(target)));
 });
-part('previous').addEventListener('click', () => step(-1));
-part('next').addEventListener('click', () => step(1));
-part('pause').addEventListener('click', pause);
-part('save').addEventListener('click', () => save(shown()));
-part('rectified').addEventListener('click', rectify);
-part('full').addEventListener('click', fillScreen);
-part('link').addEventListener('click', copyLink);
+cameras.addEventListener('dragstart',
+  ({ target, dataTransfer }) => dataTransfer.setData('text/plain', topicOf(target)));
+cameras.addEventListener('dragover', (event) => event.preventDefault());
+cameras.addEventListener('drop', (event) => {
+  event.preventDefault();
+  rearrange('pin', event.dataTransfer.getData('text/plain'), topicOf(event.target));
+});
 part('full').hidden = !document.fullscreenEnabled;
 setInterval(() => document.hidden || show(), REFRESH_MS);
 
 if (selected) {
   const tile = addTile(selected);
-  tile.range = readLimits(address.searchParams.get('range'));
-  tile.isRectified = address.searchParams.get('rectified') === 'true';
+  tile.range = readLimits(given.get('range'));
+  tile.colors = given.get('colors') === 'gray' ? 'gray' : '';
+  tile.isRectified = given.get('rectified') === 'true';
 }
 layOut();

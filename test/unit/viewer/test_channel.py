@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 import gc
 import weakref
 
@@ -33,6 +34,7 @@ from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.region import Region
 from opencv_tools.viewer.stream import Stream
 import pytest
 
@@ -230,5 +232,89 @@ def test_next_frame_is_waited_for_only_so_long(seconds: float) -> None:
         assert (frame.number, frame.receive_ns) == (1, 5)
         assert await stream.next_frame(0, 0) is frame
         assert not stream.watchers
+
+    run(work)
+
+
+def test_frame_of_the_shown_picture_is_kept() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream, replace(OPTIONS, looks=True))
+        stream.feed.put(ReceivedMessage(image(), 0))
+        await page.wait(1)
+        first = stream.feed.newest
+        assert page.channel.frame_of(1) is None  # the page has not drawn it yet
+        page.channel.answered(1)
+        stream.feed.put(ReceivedMessage(image(), 0))
+        await page.wait(2)
+        assert page.channel.frame_of(1) is first
+        page.channel.answered(2)
+        assert page.channel.frame_of(1) is None
+        assert page.channel.frame_of(2) is stream.feed.newest
+
+    run(work)
+
+
+def test_no_frame_is_kept_without_a_look() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream)
+        stream.feed.put(ReceivedMessage(image(), 0))
+        await page.wait(1)
+        page.channel.answered(1)
+        assert page.channel.frame_of(1) is None
+
+    run(work)
+
+
+def test_held_picture_gets_other_regions_but_no_other_frame() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        looks = replace(OPTIONS, looks=True)
+        page = Receiver(stream, looks)
+        stream.feed.put(ReceivedMessage(image(), 0))
+        await page.wait(1)
+        page.channel.answered(1)
+        held = replace(looks, held=True)
+        page.channel.set_options(held)
+        stream.feed.put(ReceivedMessage(image(), 0))
+        await settled()
+        assert len(page.pictures) == 1
+        region = Region(x=10, y=20, width=30, height=40)
+        page.channel.set_options(replace(held, region=region))
+        assert (await page.wait(2)).region == region
+        page.channel.answered(2)
+        await settled()
+        assert [frame.number for frame, _ in page.pictures] == [1, 1]
+        assert page.channel.status()['sent']['rate'] == 0  # no frame came twice
+
+    run(work)
+
+
+def test_another_region_keeps_the_quality_of_a_slow_link() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream, replace(OPTIONS, region=Region(x=0, y=0, width=400, height=400)))
+        stream.feed.put(ReceivedMessage(image(), 0))
+        await page.wait(1)
+        link = page.channel._link
+        page.channel.answered(1)
+        moved = Region(x=100, y=0, width=400, height=400)
+        page.channel.set_options(replace(OPTIONS, region=moved))
+        assert (await page.wait(2)).region == moved
+        assert page.channel._link is link
+
+    run(work)
+
+
+def test_few_regions_of_a_frame_are_kept() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        stream.feed.put(ReceivedMessage(image(), 0))
+        frame = stream.feed.newest
+        assert frame
+        pictures = []
+        for x in range(0, 100, 2):
+            region = Region(x=x, y=0, width=64, height=64)
+            pictures.append(weakref.ref(await stream.picture(
+                frame, PictureOptions(64, 80, region=region))))
+        await settled()
+        gc.collect()
+        assert 2 < sum(picture() is not None for picture in pictures) < 20
 
     run(work)

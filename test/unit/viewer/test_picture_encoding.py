@@ -26,6 +26,7 @@ from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
+from opencv_tools.viewer.region import Region
 import pytest
 
 FULL = PictureOptions(0, 95)
@@ -113,7 +114,8 @@ def test_depth_is_scaled_from_the_frame_or_the_given_range() -> None:
     depth = np.tile(np.linspace(1000, 3000, 64).astype(np.uint16), (48, 1))
     depth[0] = 0  # no depth was measured
     picture = encode_picture(wire(depth, '16UC1'), FULL)
-    assert picture.limits == (1000, 3000)
+    assert picture.limits == picture.measured == (depth[1, 1], depth[1, -2])  # without the ends
+    assert picture.unit == 'mm'
     shown = pixels(picture)[24].astype(int)
     assert shown[0].max() < 6 and shown[-1].min() > 249 and np.abs(shown[32] - 128).max() < 8
     given = pixels(encode_picture(wire(depth, '16UC1'), PictureOptions(0, 95, limits=(0, 6000))))
@@ -124,12 +126,13 @@ def test_floats_with_holes_are_scaled() -> None:
     depth = np.tile(np.linspace(0.5, 4.5, 64).astype(np.float32), (48, 1))
     depth[:8], depth[8:16], depth[16:24] = np.nan, np.inf, -np.inf
     picture = encode_picture(wire(depth, '32FC1'), FULL)
-    assert picture.limits == (0.5, 4.5)
+    assert picture.limits == (depth[-1, 1], depth[-1, -2])
+    assert picture.unit == 'm'
     assert pixels(picture)[40, -1].min() > 249
 
 
 @pytest.mark.parametrize(('encoding', 'value'), [
-    ('16UC1', 0), ('32FC1', np.nan), ('32FC1', np.inf), ('64FC1', -np.inf)])
+    ('16UC1', 0), ('32FC1', 0), ('32FC1', np.nan), ('32FC1', np.inf), ('64FC1', -np.inf)])
 @pytest.mark.parametrize('size', [(48, 64), (480, 640)])
 def test_pixels_without_depth_are_blue(
         encoding: str, value: float, size: tuple[int, int]) -> None:
@@ -205,3 +208,81 @@ def test_fine_pattern_that_is_made_much_smaller() -> None:
     picture = encode_picture(wire(image, 'mono8'), PictureOptions(100, 100))
     shown = cv2.imdecode(np.frombuffer(picture.data, np.uint8), cv2.IMREAD_GRAYSCALE)
     assert np.abs(shown.astype(int) - 30).max() <= 2
+
+
+REGION = Region(x=128, y=64, width=64, height=48)
+
+
+@pytest.mark.parametrize('encoding', [*ENCODINGS, '16UC1', '32SC1', '32FC1'])
+@pytest.mark.parametrize('width', [0, 32])
+def test_region_has_the_pixels_of_the_whole_picture(encoding: str, width: int) -> None:
+    image = random_image(encoding, 192, 256)
+    if encoding == '16UC1':
+        image = np.maximum(image, 1)  # each pixel has a depth
+    limits = (0, 1000) if encoding in ('16UC1', 'mono16', '32FC1') else None
+    whole, part = (encode_picture(wire(image, encoding), PictureOptions(
+        size, 100, limits=limits, region=region))
+        for size, region in ((4 * width, None), (width, REGION)))
+    assert part.source_size == whole.source_size == (256, 192)
+    assert (part.region, whole.region.values) == (REGION, (0, 0, 256, 192))
+    assert (part.width, part.height) == ((32, 24) if width else (64, 48))
+    factor = 2 if width else 1
+    expected = REGION.crop(pixels(whole), factor).astype(int)
+    # The colours at the edges of a Bayer image and of the blocks of a JPEG differ.
+    assert np.median(np.abs(pixels(part).astype(int) - expected)) < 6
+
+
+@pytest.mark.parametrize(('name', 'ending'), [('jpeg', '.jpg'), ('png', '.png')])
+@pytest.mark.parametrize('width', [0, 80])
+def test_region_of_a_compressed_image(name: str, ending: str, width: int) -> None:
+    message = compressed(encode_image(gradient(), ending).tobytes(), name)
+    region = Region(x=320, y=160, width=160, height=120)
+    picture = encode_picture(message, PictureOptions(width, 95, region=region))
+    assert not picture.is_kept
+    assert (picture.region, picture.source_size) == (region, (640, 480))
+    expected = cv2.resize(region.crop(gradient()), (picture.width, picture.height),
+                          interpolation=cv2.INTER_AREA)
+    assert picture.width == (width or 160)
+    assert np.abs(pixels(picture).astype(int) - expected).max() < 12
+
+
+def test_region_of_a_turned_jpeg_is_that_of_the_shown_image() -> None:
+    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
+                         '00000000')
+    jpeg = encode_image(gradient(), '.jpg').tobytes()
+    region = Region(x=0, y=480, width=480, height=160)  # below a picture that is not turned
+    picture = encode_picture(compressed(jpeg[:2] + exif + jpeg[2:]),
+                             PictureOptions(0, 95, region=region))
+    assert (picture.region, picture.source_size) == (region, (480, 640))
+    expected = region.crop(cv2.rotate(gradient(), cv2.ROTATE_90_CLOCKWISE))
+    assert np.abs(pixels(picture).astype(int) - expected).max() < 12
+
+
+def test_depth_in_turbo() -> None:
+    depth = np.tile(np.linspace(1000, 3000, 640).astype(np.uint16), (480, 1))
+    depth[:240] = 0
+    options = PictureOptions(0, 95, colors='turbo', limits=(1000, 3000))
+    shown = pixels(encode_picture(wire(depth, '16UC1'), options)).astype(int)
+    expected = cv2.applyColorMap(np.array([[0, 128, 255]], np.uint8), cv2.COLORMAP_TURBO)[0]
+    for column, color in zip((0, 320, 639), expected, strict=True):
+        assert np.abs(shown[400, column] - color).max() < 16
+    assert np.abs(shown[100] - 128).max() < 4  # no depth is gray, as no colour of the map
+    mono = pixels(encode_picture(wire(depth, 'mono16'), options)).astype(int)
+    assert mono.ndim == 2  # not a depth
+
+
+def test_wild_pixels_do_not_change_the_range() -> None:
+    depth = np.random.default_rng(3).normal(2000, 100, (480, 640)).astype(np.uint16)
+    calm = encode_picture(wire(depth, '16UC1'), FULL).limits
+    depth.flat[::101] = 65535
+    assert encode_picture(wire(depth, '16UC1'), FULL).limits == pytest.approx(calm, rel=0.02)
+
+
+def test_steady_range_is_used_unless_a_range_is_chosen() -> None:
+    depth = wire(np.tile(np.arange(1000, 1640).astype(np.uint16), (480, 1)), '16UC1')
+    picture = encode_picture(depth, FULL, (0.0, 5000.0))
+    assert picture.limits == (0, 5000) and picture.measured == pytest.approx((1013, 1626), abs=3)
+    chosen = encode_picture(depth, PictureOptions(0, 95, limits=(1, 2)), (0.0, 5000.0))
+    assert chosen.limits == (1, 2)
+    region = PictureOptions(0, 95, region=REGION)
+    assert encode_picture(depth, region).measured == picture.measured  # of the whole image

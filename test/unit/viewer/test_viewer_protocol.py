@@ -23,7 +23,11 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.protocol import (
     number_of, pack_frame, pack_video, parse_codecs, parse_message, parse_options, step_width,
     topic_of, unpack_frame, unpack_video, ViewOptions)
+from opencv_tools.viewer.region import Region
 import pytest
+
+#: Part of an image, and the size of the image.
+PLACE = (2, 4, 320, 240, 640, 480)
 
 
 def test_head_of_video() -> None:
@@ -33,7 +37,7 @@ def test_head_of_video() -> None:
         '01' '0b' '0280' '01df' '00000009') + b'avc1.42C01FDATA'.hex()
     assert unpack_video(message) == (
         7, 5, 12.25, 13.5, True, (640, 479), 9, 'avc1.42C01F', b'DATA')
-    assert unpack_video(pack_frame(7, 5, 12.25, 13.5, b'JPEG')) is None
+    assert unpack_video(pack_frame(7, 5, 12.25, 13.5, PLACE, b'JPEG')) is None
 
 
 def test_codecs_of_a_page() -> None:
@@ -54,11 +58,11 @@ def test_end_of_a_transport(name: str, base: str) -> None:
     assert topic_of(name) == base
 
 
-def test_frame_has_a_head_of_24_bytes() -> None:
-    message = pack_frame(7, 2**32 + 5, 12.25, 13.5, b'JPEG')
+def test_frame_has_a_head_of_48_bytes() -> None:
+    message = pack_frame(7, 2**32 + 5, 12.25, 13.5, PLACE, b'JPEG')
     assert message.hex() == '00000007' '00000005' '4028800000000000' '402b000000000000' + (
-        b'JPEG'.hex())
-    assert unpack_frame(message) == (7, 5, 12.25, 13.5, b'JPEG')
+        '00000002' '00000004' '00000140' '000000f0' '00000280' '000001e0') + b'JPEG'.hex()
+    assert unpack_frame(message) == (7, 5, 12.25, 13.5, PLACE, b'JPEG')
 
 
 @pytest.mark.parametrize('text', [
@@ -75,6 +79,8 @@ def test_options_of_a_subscription() -> None:
     assert parse_options(json.loads(
         '{"width": 640, "quality": 80, "rate": 10, "fixed": true, "range": [-1, 2.5]}')) == (
             ViewOptions(width=640, quality=80, rate=10, fixed=True, limits=(-1, 2.5)))
+    assert parse_options({'region': [2, 4, 320, 240], 'looks': True, 'held': True}) == (
+        ViewOptions(region=Region(x=2, y=4, width=320, height=240), looks=True, held=True))
     assert parse_options({'range': None}).limits is None
 
 
@@ -82,7 +88,9 @@ def test_options_of_a_subscription() -> None:
     {'width': -1}, {'width': 65_536}, {'width': '640'}, {'width': True}, {'width': None},
     {'width': [1]}, {'quality': 101}, {'rate': 1001}, {'rate': -1}, {'rate': 10**400},
     {'range': [1]}, {'range': 5}, {'range': [1, 'a']}, {'range': [1, 10**400]},
-    {'range': [0, 1e308]}])
+    {'range': [0, 1e308]}, {'region': 5}, {'region': [0, 0, 1]}, {'region': [0, 0, 1, 1, 1]},
+    {'region': [-1, 0, 1, 1]}, {'region': [0, 0, 0, 1]}, {'region': [0, 0, 1, 2**32]},
+    {'region': [0, 0, 1, '1']}, {'region': [0, 0, 1, None]}, {'region': [0, 0, 1, 10**400]}])
 def test_invalid_options_are_refused(message: dict[str, object]) -> None:
     with pytest.raises(RequestError, match=next(iter(message))) as caught:
         parse_options(message)

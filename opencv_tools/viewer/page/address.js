@@ -12,6 +12,21 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+/** Return the address of the page with other settings; an empty value removes one. */
+export function addressWith(settings) {
+  const url = new URL(location);
+  for (const [name, value] of Object.entries(settings)) {
+    if (value) url.searchParams.set(name, value);
+    else url.searchParams.delete(name);
+  }
+  return url;
+}
+
+/** Keep settings in the address of the page; an empty value removes one. */
+export function keep(settings) {
+  history.replaceState(null, '', addressWith(settings));
+}
+
 /**
  * Copy a text. The clipboard API would need https.
  *

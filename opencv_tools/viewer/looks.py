@@ -1,0 +1,143 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Answers to the questions of a page about the pixels of its pictures."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import printable
+from opencv_tools.viewer.channel import Channel
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
+from opencv_tools.viewer.pixel_values import describe_pixel, histogram, line_profile
+from opencv_tools.viewer.pixels import Pixels
+from opencv_tools.viewer.protocol import parse_point, parse_region, topic_of, valid_number
+
+#: Topics of a page whose frames are kept for its questions.
+MAX_LOOKS = 4
+
+_Message = dict[str, Any]
+_Answer = Callable[[Pixels], _Message]
+
+
+def _pixel(message: _Message) -> _Answer:
+    x, y = parse_point(message.get('at'), 'at')
+    return lambda pixels: {'text': describe_pixel(pixels, x, y)}
+
+
+def _profile(message: _Message) -> _Answer:
+    begin, end = (parse_point(message.get(name), name) for name in ('from', 'to'))
+    return lambda pixels: line_profile(pixels, begin, end)
+
+
+def _histogram(message: _Message) -> _Answer:
+    region = parse_region(message.get('region'))
+    return lambda pixels: histogram(pixels, region)
+
+
+# What answers each word of a page, given its message.
+_ANSWERS: dict[str, Callable[[_Message], _Answer]] = {
+    'pixel': _pixel, 'profile': _profile, 'histogram': _histogram}
+
+
+@dataclass(frozen=True)
+class _Question:
+    """
+    A question about a picture.
+
+    :param topic: name of the topic.
+    :param picture: sequence number of the picture.
+    :param answer: returns the answer, given the pixels of its frame.
+    """
+
+    topic: str
+    picture: int
+    answer: _Answer
+
+
+class Looks:
+    """
+    Answer the questions of a page, one after another.
+
+    A question replaces one of the same kind about the same topic that still waits.
+    """
+
+    def __init__(self, channel_of: Callable[[str], object],
+                 write: Callable[[_Message], Awaitable[None]]) -> None:
+        """
+        Create an object without questions.
+
+        :param channel_of: returns what sends the pictures of a topic to the page.
+        :param write: sends an answer, and waits until it is sent.
+        """
+        self._channel_of = channel_of
+        self._write = write
+        self._waiting: dict[tuple[str, str], _Question] = {}
+        self._task: asyncio.Task[None] | None = None
+
+    def ask(self, message: _Message) -> bool:
+        """
+        Answer a message soon, if it is a question.
+
+        :returns: whether it is one.
+        :raises RequestError: a value is invalid, or too many questions wait.
+        """
+        kind = next((word for word in _ANSWERS if word in message), None)
+        if kind is None:
+            return False
+        topic = topic_of(message[kind])
+        picture = int(valid_number(message.get('picture'), 'picture', 0, 2**53))
+        self._waiting[kind, topic] = _Question(topic, picture, _ANSWERS[kind](message))
+        if len(self._waiting) > len(_ANSWERS) * MAX_LOOKS:
+            del self._waiting[kind, topic]
+            raise RequestError(f'questions about {MAX_LOOKS} topics wait for an answer: wait')
+        if self._task is None or self._task.done():
+            self._task = asyncio.ensure_future(self._answer_all())
+        return True
+
+    def close(self) -> None:
+        """Answer nothing any more."""
+        self._waiting.clear()
+        if self._task:
+            self._task.cancel()
+
+    async def _answer_all(self) -> None:
+        while self._waiting:
+            key = next(iter(self._waiting))
+            question = self._waiting.pop(key)
+            try:
+                answer = await self._answer(question)
+            except (CvBridgeError, ImageError, RequestError) as err:
+                answer = {'error': printable(err, MAX_MESSAGE)}
+            await self._write({
+                key[0]: {'topic': question.topic, 'picture': question.picture, **answer}})
+
+    async def _answer(self, question: _Question) -> _Message:
+        """
+        Return the answer to a question.
+
+        :raises RequestError: the frame of the picture is not kept.
+        """
+        channel = self._channel_of(question.topic)
+        frame = channel.frame_of(question.picture) if isinstance(channel, Channel) else None
+        if frame is None or not isinstance(channel, Channel):
+            raise RequestError('the node has the frame of this picture no more: resume the page')
+        pixels = await channel.stream.pixels(frame)
+        return await channel.stream.in_pool(question.answer, pixels)

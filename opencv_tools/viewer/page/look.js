@@ -1,0 +1,143 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+import { showChart } from './chart.js';
+
+const CROSS = 12; // pixels of an arm
+const AGAIN_MS = 200; // between two questions of a kind, while the cursor rests
+
+/** Questions about the pixels of one picture: of the cursor, of a line, of all. */
+export class Look {
+  /** Kind of the chart, 'profile' or 'histogram'; '' for none. */
+  chart = '';
+  #tile;
+  #send;
+  #cursor = null;
+  #begin = null; // of a line that is drawn
+  #line = null;
+  #asked = {}; // by kind
+  #output;
+  #follows = false; // the pointer over another picture
+
+  /**
+   * Begin without a cursor.
+   *
+   * @param tile has view, picture, isVideo, context and element.
+   * @param send sends a message to the server.
+   * @param onPoint called with the place of the cursor as parts of the width and the height.
+   */
+  constructor(tile, send, onPoint) {
+    this.onPoint = onPoint;
+    this.#tile = tile;
+    this.#send = send;
+    this.#output = tile.element.querySelector('.pixel');
+  }
+
+  /** Use an event of a pointer; return whether it draws a line. */
+  use(event) {
+    const pixel = this.#tile.view.pixel(event);
+    const isGone = event.type === 'pointerleave' && event.pointerType === 'mouse';
+    this.#point(isGone ? null : pixel, false);
+    this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
+    if (event.type === 'pointerdown' && event.shiftKey) this.#setChart('profile');
+    if (event.type === 'pointerdown' && this.chart === 'profile') this.#begin = pixel;
+    if (this.#begin && pixel) this.#line = [this.#begin, pixel];
+    if (event.type === 'pointerup') this.#begin = null;
+    this.#drawLine();
+    this.ask();
+    return Boolean(this.#begin);
+  }
+
+  /** Use a place of a cursor over another picture as if it were here. */
+  follow(place) {
+    this.#point(place?.map((one, axis) => Math.floor(one * this.#tile.view.size[axis])), true);
+    this.#drawLine();
+    this.ask();
+  }
+
+  #point(pixel, follows) {
+    this.#cursor = pixel ?? null;
+    this.#follows = follows;
+    if (!pixel) this.#output.textContent = '';
+  }
+
+  /** Show another chart, or none if it is shown. */
+  toggle(kind) {
+    this.#setChart(this.chart === kind ? '' : kind);
+    if (kind === 'profile') showChart(kind, { error: 'Draw a line in the picture.' });
+    this.ask();
+  }
+
+  #setChart(kind) {
+    this.chart = kind;
+    this.#line = null;
+    this.#drawLine();
+    this.#tile.link.classList.toggle('draws', kind === 'profile');
+    for (const button of this.#tile.element.querySelectorAll('.look [aria-pressed]')) {
+      button.setAttribute('aria-pressed', String(button.dataset.look === kind));
+    }
+  }
+
+  /** Forget the questions of an earlier connection. */
+  reset() {
+    this.#asked = {};
+  }
+
+  /** Ask what has changed; a question waits for the answer to the last one of its kind. */
+  ask() {
+    const { view, isVideo, context } = this.#tile;
+    if (this.#cursor && isVideo) {
+      const [red, green, blue] = context.getImageData(...this.#cursor, 1, 1).data;
+      this.#answer(`R ${red}, G ${green}, B ${blue} of the decoded video`);
+    } else if (this.#cursor) {
+      this.#question('pixel', { at: this.#cursor });
+    }
+    if (this.chart === 'histogram') this.#question('histogram', { region: view.region });
+    if (this.#line) this.#question('profile', { from: this.#line[0], to: this.#line[1] });
+  }
+
+  #question(kind, details) {
+    const { picture, name } = this.#tile;
+    const { text, waits, at } = this.#asked[kind] ?? {};
+    const asked = JSON.stringify(details);
+    const now = performance.now();
+    if (picture < 0 || waits || (now < at + AGAIN_MS && (text === asked || kind !== 'pixel'))) return;
+    this.#asked[kind] = { text: asked, waits: true, at: now };
+    this.#send({ [kind]: name, picture, ...details });
+  }
+
+  /** Use an answer of the server. */
+  receive(kind, answer) {
+    const asked = this.#asked[kind];
+    if (!asked) return;
+    asked.waits = false;
+    if (kind !== 'pixel') showChart(kind, answer);
+    else if (this.#cursor) this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);
+    if (kind === 'pixel' && asked.text !== JSON.stringify({ at: this.#cursor })) this.ask();
+  }
+
+  #answer(text, [x, y] = this.#cursor) {
+    this.#output.textContent = `${x}, ${y}: ${text}`;
+  }
+
+  #drawLine() {
+    const ends = (this.#line ?? []).map(([x, y]) => `${x + 0.5} ${y + 0.5}`);
+    const arm = CROSS / this.#tile.view.scale;
+    const [x, y] = this.#cursor ?? [];
+    const cross = this.#follows && this.#cursor
+      ? `M${x + 0.5 - arm} ${y + 0.5}h${2 * arm}m${-arm} ${-arm}v${2 * arm}` : '';
+    this.#tile.element.querySelector('.line').setAttribute(
+      'd', cross + (ends.length ? `M${ends.join('L')}` : ''));
+  }
+}

@@ -1,0 +1,70 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The array of an image message, and its encoding."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import NDArray
+from opencv_tools.cv_bridge import CvBridge
+from opencv_tools.image.cdr import WireImage, WireMessage
+from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.encodings import Encoding, find_encoding
+from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image_codecs import decode_image
+from opencv_tools.viewer.compressed_depth import decode_compressed_depth, is_compressed_depth
+
+_BRIDGE = CvBridge()
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """
+    The pixels of a message, as they are in the message.
+
+    :param image: (h, w) or (h, w, c) array; chroma rows follow the luma rows.
+    :param encoding: encoding of the array.
+    """
+
+    image: NDArray[Any]
+    encoding: Encoding
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self.image.shape[1], self.encoding.height(self.image.shape[0])
+
+
+def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
+    """
+    Read the pixels of a message.
+
+    :param message: raw or compressed image.
+    :param upright: whether to rotate a JPEG by its Exif orientation, as browsers do.
+    :returns: a view of a raw image, or a decoded array.
+    :raises ImageError: the message is not a valid image.
+    :raises CvBridgeError: the message is not a valid image.
+    """
+    if isinstance(message, WireImage):
+        check_size(message.width, message.height, MAX_PIXELS)
+        return Pixels(_BRIDGE.imgmsg_to_cv2(message), find_encoding(message.encoding))
+    content = bytes(message.data)
+    if is_compressed_depth(message.format):
+        return Pixels(*decode_compressed_depth(content, message.format))
+    check_size(*image_size(content), MAX_PIXELS)
+    image = decode_image(content, upright)
+    return Pixels(image, decoded_encoding(image, message.format))

@@ -1,0 +1,258 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Look into a picture: values of pixels, zoom, lines, histograms; by pointer, wheel and keys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+
+from chromium import Browser, Page
+import cv2
+import numpy as np
+from pages import Camera, STRIPE, Viewer
+import pytest
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import CompressedImage
+from test_page_layout import check_all
+from test_page_video import VideoCamera
+
+pytest_plugins = ['pages']
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TOPIC = '/front'
+VALUE = f'tileOf({TOPIC!r}).querySelector(".pixel").textContent'
+#: Part of the image that the page has asked for last.
+REGION = 'JSON.stringify(sent.filter((one) => one.subscribe).at(-1).region ?? null)'
+CHART = 'document.querySelector("#chart .hint").textContent'
+_RANDOM = np.random.default_rng(36)
+
+
+def random_image(width: int = 640, height: int = 480) -> np.ndarray:
+    return _RANDOM.integers(0, 256, (height, width, 3), np.uint8)
+
+
+def open_image(viewer: Viewer, browser: Browser, camera: Node, image: np.ndarray,
+               encoding: str = 'bgr8') -> Page:
+    """Publish an image, and show it alone."""
+    Camera(camera, TOPIC, LATCHED).publish_image(image, encoding)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the tiles have their size
+    return page
+
+
+def place_of(
+        page: Page, x: float, y: float, size: tuple[int, int] = (640, 480)) -> dict[str, float]:
+    """Return the place on the page of a pixel of the image that fits its frame."""
+    left, top, width, height = page.evaluate(
+        f'(({{left, top, width, height}}) => [left, top, width, height])('
+        f'tileOf({TOPIC!r}).querySelector(".frame").getBoundingClientRect())')
+    scale = min(width / size[0], height / size[1])
+    return {'x': left + width / 2 + (x - size[0] / 2) * scale,
+            'y': top + height / 2 + (y - size[1] / 2) * scale}
+
+
+def move(page: Page, place: dict[str, float], **more: object) -> None:
+    """Move the mouse."""
+    page.call('Input.dispatchMouseEvent', type='mouseMoved', **place, **more)
+
+
+def drag(page: Page, begin: dict[str, float], end: dict[str, float], **more: object) -> None:
+    """Drag with the left button of the mouse."""
+    for kind, place in (('mousePressed', begin), ('mouseMoved', end), ('mouseReleased', end)):
+        page.call('Input.dispatchMouseEvent', type=kind, button='left', clickCount=1,
+                  buttons=int(kind != 'mouseReleased'), **place, **more)
+
+
+def wheel(page: Page, place: dict[str, float], pixels: float) -> None:
+    """Turn the wheel of the mouse."""
+    page.call('Input.dispatchMouseEvent', type='mouseWheel', deltaX=0, deltaY=pixels, **place)
+
+
+@pytest.mark.parametrize('encoding', ['bgr8', 'rgb8'])
+def test_value_under_the_cursor(
+        encoding: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = random_image()
+    page = open_image(viewer, browser, camera, image, encoding)
+    for x, y in ((0, 0), (639, 479), (17, 400), (320, 240)):
+        move(page, place_of(page, x + 0.5, y + 0.5))
+        text = ', '.join(f'{name.upper()} {value}'
+                         for name, value in zip(encoding[:3], image[y, x], strict=True))
+        page.wait_for(f'{VALUE} === "{x}, {y}: {text}"')
+    move(page, {'x': 5, 'y': 5})
+    page.wait_for(f'{VALUE} === ""')
+    assert page.complaints() == []
+
+
+def test_value_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    depth = np.full((480, 640), 1234, np.uint16)
+    depth[:, :320] = 0
+    page = open_image(viewer, browser, camera, depth, '16UC1')
+    move(page, place_of(page, 600.5, 7.5))
+    page.wait_for(f'{VALUE} === "600, 7: 1234 (1.234 m)"')
+    move(page, place_of(page, 6.5, 7.5))
+    page.wait_for(f'{VALUE} === "6, 7: 0 (no depth)"')
+
+
+def test_value_of_a_jpeg_and_of_the_displayed_frame(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    publisher = camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', LATCHED)
+
+    def publish(level: int) -> None:
+        content = cv2.imencode('.jpg', np.full((480, 640, 3), level, np.uint8))[1]
+        publisher.publish(CompressedImage(format='jpeg', data=content.tobytes()))
+
+    publish(50)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')
+    move(page, place_of(page, 9.5, 9.5))
+    page.wait_for(f'{VALUE} === "9, 9: B 50, G 50, R 50"')
+    page.press(' ')
+    page.wait_for('sent.some((message) => message.held)')
+    publish(200)
+    move(page, place_of(page, 19.5, 9.5))
+    page.wait_for(f'{VALUE} === "19, 9: B 50, G 50, R 50"')
+    page.press(' ')
+    page.wait_for(f'{VALUE} === "19, 9: B 200, G 200, R 200"')
+
+
+def test_zoom_by_wheel_and_pan(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = random_image(3840, 2160)
+    page = open_image(viewer, browser, camera, image)
+    size = 3840, 2160
+    assert page.evaluate(REGION) == 'null'
+    middle = place_of(page, 1000.5, 700.5, size)
+    move(page, middle)
+    page.wait_for(f'{VALUE}.startsWith("1000, 700: ")')
+    for _ in range(20):
+        wheel(page, middle, -120)
+    expected = ', '.join(f'{name} {value}' for name, value in zip(
+        'BGR', image[700, 1000], strict=True))
+    page.wait_for(f'{VALUE} === "1000, 700: {expected}"')  # the cursor keeps its pixel
+    region = json.loads(page.wait_for(f'{REGION} !== "null" && {REGION}'))
+    assert region[0] <= 1000 < region[0] + region[2] and region[2] < 3840 / 8
+    page.wait_for(f'tileOf({TOPIC!r}).querySelector("canvas").width <= {region[2] + 2}')
+    # The picture has the pixels of the image.
+    canvas = f'tileOf({TOPIC!r}).querySelector("canvas")'
+    shown = page.wait_for(f'{canvas}.width < 400 && [{canvas}.width, {canvas}.height]')
+    assert shown[0] >= region[2]
+    assert page.evaluate('getComputedStyle(document.querySelector(".enlarged")).imageRendering'
+                         ) == 'pixelated'
+    drag(page, middle, {'x': middle['x'] - 100, 'y': middle['y']})
+    page.wait_for(f'JSON.parse({REGION})[0] > {region[0]}')
+    page.press('0')
+    page.wait_for(f'{REGION} === "null"')
+    assert page.complaints() == []
+
+
+def test_keys_and_buttons_of_the_zoom(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image(3840, 2160))
+    zoom = f'factOf({TOPIC!r}, "zoom")'
+    whole = page.evaluate(zoom)
+    page.press('1')
+    page.wait_for(f'{zoom} === "100 %"')
+    assert json.loads(page.wait_for(f'{REGION} !== "null" && {REGION}'))[2] < 1280
+    page.press('+')
+    page.wait_for(f'{zoom} === "150 %"')
+    page.press('-')
+    page.wait_for(f'{zoom} === "100 %"')
+    page.evaluate('document.querySelector("[data-look=fit]").click()')
+    page.wait_for(f'{zoom} === {whole!r}')
+    page.evaluate('document.querySelector("[data-look=in]").click()')
+    page.wait_for(f'{zoom} !== {whole!r}')
+
+
+def test_pinch(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image())
+    page.resize(390, 844)
+    page.call('Emulation.setTouchEmulationEnabled', enabled=True, maxTouchPoints=2)
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')
+    middle = place_of(page, 320, 240)
+
+    def touch(kind: str, *distances: float) -> None:
+        page.call('Input.dispatchTouchEvent', type=kind, touchPoints=[
+            {'x': middle['x'] + distance, 'y': middle['y'], 'id': number}
+            for number, distance in enumerate(distances)])
+
+    touch('touchStart', -30, 30)
+    for distance in range(35, 121, 5):
+        touch('touchMove', -distance, distance)
+    touch('touchEnd')
+    region = json.loads(page.wait_for(f'{REGION} !== "null" && {REGION}'))
+    assert region[2] == pytest.approx(160, abs=40)
+    assert region[0] + region[2] / 2 == pytest.approx(320, abs=20)
+
+
+def test_line_and_histogram(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = np.zeros((480, 640), np.uint8)
+    image[:, 320:] = 255
+    page = open_image(viewer, browser, camera, image, 'mono8')
+    assert page.evaluate('document.getElementById("panel").offsetWidth') == 0
+    page.press('h')
+    page.wait_for(f'{CHART} === "0 to 255, 50 % over-exposed, 50 % black"')
+    page.press('l')
+    page.wait_for(f'{CHART} === "Draw a line in the picture."')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the panel has its place
+    drag(page, place_of(page, 310.5, 100.5), place_of(page, 330.5, 100.5))
+    page.wait_for(f'{CHART} === "0 to 255"')
+    points = page.evaluate('document.querySelector("#chart path").getAttribute("d")').split('L')
+    assert len(points) == 21
+    assert [point.endswith(' 100') for point in points] == [True] * 10 + [False] * 11
+    assert page.evaluate('document.querySelector(".line").getAttribute("d")') == (
+        'M310.5 100.5L330.5 100.5')
+    check_all(page)
+    page.press('l')
+    page.wait_for('document.getElementById("panel").offsetWidth === 0')
+
+
+def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    video = VideoCamera(camera, TOPIC)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    video.show(page, 0)
+    page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')
+    move(page, place_of(page, 40.5, 220.5, (320, 240)))
+    text = page.wait_for(f'{VALUE}.endsWith("of the decoded video") && {VALUE}')
+    red, green, blue = (int(one.split()[1].rstrip(',')) for one in (
+        text.removeprefix('40, 220: ').split(', ')))
+    assert np.abs(np.array([blue, green, red]) - STRIPE[0]).max() < 24
+    page.press('h')
+    page.wait_for(f'{CHART}.startsWith("the node has the frame of this picture no more")')
+    page.press('1')
+    page.press('+')
+    assert page.evaluate('sent.filter((one) => one.region).length') == 0
+    video.show(page, 1)
+    assert page.complaints() == []
+
+
+def test_cursor_and_region_of_a_closed_connection(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    viewer = start_viewer()
+    page = open_image(viewer, browser, camera, random_image())
+    page.press('1')
+    page.press('+')
+    move(page, place_of(page, 320, 240))
+    page.wait_for(f'{VALUE} !== ""')
+    viewer.process.interrupt()
+    assert viewer.process.finish() == 0
+    page.wait_for('document.getElementById("state").textContent === "Reconnecting"')
+    start_viewer(port=viewer.port)
+    page.wait_for('document.getElementById("state").textContent === "Live"')
+    page.evaluate('sent.length = 0')
+    move(page, place_of(page, 322, 242))
+    page.wait_for('sent.some((one) => one.pixel)')
+    page.wait_for(f'/^[0-9]+, [0-9]+: B [0-9]+/.test({VALUE})')

@@ -1,0 +1,72 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Messages of compressed_depth_image_transport, valid and broken."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
+from opencv_tools.image.errors import CodecError, ImageError
+from opencv_tools.image_codecs import encode_image
+from opencv_tools.viewer.compressed_depth import decode_compressed_depth
+from opencv_tools.viewer.pixels import read_pixels
+import pytest
+
+MILLIMETRES, METRES = '16UC1; compressedDepth png', '32FC1; compressedDepth png'
+
+
+def content_of(image: np.ndarray, numerator: float = 0.0, offset: float = 0.0) -> bytes:
+    return struct.pack('<iff', 0, numerator, offset) + encode_image(image, '.png').tobytes()
+
+
+def test_millimetres_are_lossless() -> None:
+    depth = np.random.default_rng(1).integers(0, 2**16, (48, 64)).astype(np.uint16)
+    pixels = read_pixels(WireCompressedImage(
+        header=NO_HEADER, format=MILLIMETRES, data=content_of(depth)))
+    assert pixels.encoding.name == '16UC1'
+    assert np.array_equal(pixels.image, depth)
+
+
+def test_quantised_metres() -> None:
+    depth = np.linspace(0.3, 9.9, 640, dtype=np.float32)[np.newaxis]
+    # As compressed_depth_image_transport does, with depth_max 10 and depth_quantization 100.
+    numerator = 100.0 * (100.0 + 1.0)
+    offset = 1.0 - numerator / 10.0
+    stored = (numerator / depth + offset).astype(np.uint16)
+    stored[0, 5] = 0
+    image, encoding = decode_compressed_depth(content_of(stored, numerator, offset), METRES)
+    assert encoding.name == '32FC1' and image.dtype == np.float32
+    assert np.isnan(image[0, 5])
+    known = np.arange(640) != 5
+    assert np.abs(image[0, known] / depth[0, known] - 1).max() < 0.01
+
+
+@pytest.mark.parametrize('content', [
+    b'', bytes(11), bytes(12), bytes(50), content_of(np.zeros((4, 4), np.uint8)),
+    content_of(np.zeros((4, 4, 3), np.uint16)), content_of(np.zeros((4, 4), np.uint16))[:-20],
+    struct.pack('<iff', 0, 1, 1) + encode_image(np.zeros((4, 4), np.uint8), '.jpg').tobytes()])
+def test_broken_content_is_refused(content: bytes) -> None:
+    with pytest.raises((CodecError, ImageError)):
+        decode_compressed_depth(content, METRES)
+
+
+@pytest.mark.parametrize(('numerator', 'offset'), [
+    (np.nan, 0), (0, np.nan), (np.inf, 5), (3e38, -3e38), (0, 0)])
+def test_odd_quantisation_gives_no_infinite_depth(numerator: float, offset: float) -> None:
+    image, _ = decode_compressed_depth(
+        content_of(np.arange(16, dtype=np.uint16).reshape(4, 4), numerator, offset), METRES)
+    assert not np.isinf(image).any()

@@ -1,0 +1,54 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Ranges of depth that follow slowly."""
+
+from __future__ import annotations
+
+import numpy as np
+from opencv_tools.viewer.depth_range import DepthRange, measure_limits
+import pytest
+
+
+def test_first_frame_is_the_range() -> None:
+    followed = DepthRange()
+    assert followed.limits is None
+    followed.follow((1000.0, 3000.0), 5.0)
+    assert followed.limits == (1000, 3000)
+
+
+def test_range_follows_slowly_at_any_rate() -> None:
+    found = []
+    for rate in (5, 30):
+        followed = DepthRange()
+        followed.follow((1000.0, 3000.0), 0.0)
+        for step in range(1, 2 * rate + 1):
+            followed.follow((1000.0, 4000.0), step / rate)
+            assert followed.limits is not None
+        assert followed.limits[0] == 1000
+        found.append(followed.limits[1])
+    assert found == pytest.approx([3632, 3632], abs=1)  # two thirds in two seconds
+
+
+def test_another_scene_has_its_range_at_once() -> None:
+    followed = DepthRange()
+    followed.follow((1000.0, 3000.0), 0.0)
+    followed.follow((3001.0, 9000.0), 0.1)
+    assert followed.limits == (3001, 9000)
+
+
+def test_limits_of_most_numbers() -> None:
+    assert measure_limits(np.arange(101)) == (2, 98)
+    assert measure_limits(np.array([], np.float32)) == (0, 0)
+    assert measure_limits(np.full(9, 7)) == (7, 7)

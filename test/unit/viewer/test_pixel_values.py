@@ -1,0 +1,159 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Values of pixels of every encoding, along lines and in histograms."""
+
+from __future__ import annotations
+
+import json
+
+from images import random_image
+import numpy as np
+from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
+from opencv_tools.image.encodings import ENCODINGS, find_encoding
+from opencv_tools.image.errors import CodecError
+from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image_codecs import convert_image, encode_image
+from opencv_tools.viewer.pixel_values import (
+    BINS, describe_pixel, histogram, line_profile, MAX_SAMPLES)
+from opencv_tools.viewer.pixels import Pixels, read_pixels
+from opencv_tools.viewer.region import Region
+import pytest
+
+GENERIC = ['8UC1', '8UC3', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1', '32FC3', '16UC3', '8UC16']
+
+
+def pixels_of(image: np.ndarray, encoding: str) -> Pixels:
+    return read_pixels(array_to_wire(image, find_encoding(encoding)))
+
+
+@pytest.mark.parametrize('encoding', [
+    name for name, one in ENCODINGS.items() if one.kind == 'color'])
+def test_value_of_a_colour(encoding: str) -> None:
+    image = random_image(encoding, 48, 64)
+    pixels = pixels_of(image, encoding)
+    for x, y in ((0, 0), (63, 47), (17, 30)):
+        values = np.atleast_1d(image[y, x])
+        order = find_encoding(encoding).order
+        expected = str(values[0]) if order == 'y' else ', '.join(
+            f'{name.upper()} {value}' for name, value in zip(order, values, strict=True))
+        assert describe_pixel(pixels, x, y) == expected
+
+
+def test_value_of_a_bayer_pixel_has_its_colour() -> None:
+    pixels = pixels_of(np.array([[1, 2], [3, 4]], np.uint16), 'bayer_gbrg16')
+    assert [describe_pixel(pixels, x, y) for y in (0, 1) for x in (0, 1)] == [
+        'G 1', 'B 2', 'R 3', 'G 4']
+
+
+@pytest.mark.parametrize('encoding', [
+    name for name, one in ENCODINGS.items() if one.kind == 'yuv'])
+def test_value_of_yuv_becomes_the_shown_colour(encoding: str) -> None:
+    """Compare with the conversion of OpenCV: equal values of YUV have equal colours."""
+    image = random_image(encoding, 48, 64)
+    pixels = pixels_of(image, encoding)
+    found = find_encoding(encoding)
+    colours = convert_image(image, found, find_encoding('bgr8')).astype(int)
+    for x, y in ((0, 0), (63, 47), (17, 30), (16, 31)):
+        luma, u, v = (int(one.split()[1]) for one in describe_pixel(pixels, x, y).split(', '))
+        bright, u, v = 1.164 * max(0, luma - 16), u - 128, v - 128  # ITU-R BT.601
+        expected = bright + 2.018 * u, bright - 0.391 * u - 0.813 * v, bright + 1.596 * v
+        assert np.abs(np.clip(expected, 0, 255) - colours[y, x]).max() < 3
+
+
+@pytest.mark.parametrize(('encoding', 'value', 'text'), [
+    ('16UC1', 1234, '1234 (1.234 m)'), ('16UC1', 0, '0 (no depth)'), ('32FC1', 1.1, '1.1 m'),
+    ('32FC1', np.nan, 'nan (no depth)'), ('32FC1', np.inf, 'inf (no depth)'),
+    ('32FC1', 0, '0.0 (no depth)'), ('64FC1', -1.5, '-1.5'), ('32SC1', -7, '-7'),
+    ('mono16', 1234, '1234'), ('16SC1', -5, '-5'), ('8UC3', 9, '9, 9, 9'),
+    ('8UC16', 1, '1, 1, 1, 1, 1, 1, 1, 1, ...')])
+def test_value_of_numbers(encoding: str, value: float, text: str) -> None:
+    found = find_encoding(encoding)
+    shape = (2, 2) if found.channels == 1 else (2, 2, found.channels)
+    assert describe_pixel(pixels_of(np.full(shape, value, found.dtype), encoding), 1, 1) == text
+
+
+def test_value_of_a_turned_jpeg_is_that_of_the_shown_pixel() -> None:
+    image = np.full((48, 64, 3), 10, np.uint8)
+    image[:, :8] = 200  # the left edge is the upper one after a quarter turn
+    jpeg = encode_image(image, '.jpg').tobytes()
+    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
+                         '00000000')
+    pixels = read_pixels(WireCompressedImage(
+        header=NO_HEADER, format='jpeg', data=jpeg[:2] + exif + jpeg[2:]), upright=True)
+    assert pixels.size == (48, 64)
+    assert describe_pixel(pixels, 40, 2) == 'B 200, G 200, R 200'
+    assert describe_pixel(pixels, 2, 40) == 'B 10, G 10, R 10'
+
+
+@pytest.mark.parametrize(('x', 'y'), [(64, 0), (0, 48), (2**31, 2**31)])
+def test_pixel_outside_is_refused(x: int, y: int) -> None:
+    pixels = pixels_of(np.zeros((48, 64), np.uint8), 'mono8')
+    with pytest.raises(CodecError, match='64x48'):
+        describe_pixel(pixels, x, y)
+    for ends in (((0, 0), (x, y)), ((x, y), (0, 0))):
+        with pytest.raises(CodecError, match='64x48'):
+            line_profile(pixels, *ends)
+
+
+@pytest.mark.parametrize('encoding', [*ENCODINGS, *GENERIC])
+def test_charts_of_every_encoding(encoding: str) -> None:
+    pixels = pixels_of(random_image(encoding, 48, 64), encoding)
+    for chart in (line_profile(pixels, (3, 4), (60, 40)), histogram(pixels, None)):
+        assert 1 <= len(chart['names']) == len(chart['curves']) <= 3
+        assert len(json.dumps(chart, allow_nan=False)) < 50_000
+
+
+def test_profile_has_the_values_of_the_line() -> None:
+    image = random_image('bgr8', 48, 64)
+    chart = line_profile(pixels_of(image, 'bgr8'), (10, 20), (5, 20))
+    assert chart['names'] == ['B', 'G', 'R']
+    assert chart['curves'] == image[20, 10:4:-1].T.tolist()
+    assert (chart['low'], chart['high']) == (image[20, 5:11].min(), image[20, 5:11].max())
+    point = line_profile(pixels_of(image, 'bgr8'), (10, 20), (10, 20))
+    assert point['curves'] == [[value] for value in image[20, 10].tolist()]
+
+
+def test_long_profile_is_bounded_and_has_gaps() -> None:
+    image = np.arange(5000, dtype=np.float32)[np.newaxis]
+    image[0, :100] = np.nan
+    chart = line_profile(pixels_of(image, '32FC1'), (0, 0), (4999, 0))
+    assert len(chart['curves'][0]) == MAX_SAMPLES
+    assert chart['curves'][0][0] is None and chart['curves'][0][-1] == 4999
+    nothing = line_profile(pixels_of(np.full((1, 9), np.inf, np.float32), '32FC1'), (0, 0), (8, 0))
+    assert nothing['low'] is None and nothing['curves'] == [[None] * 9]
+
+
+def test_histogram_of_a_region_and_its_exposure() -> None:
+    image = np.zeros((480, 640, 3), np.uint8)
+    image[:, 320:] = (100, 255, 3)
+    whole = histogram(pixels_of(image, 'bgr8'), None)
+    assert (whole['low'], whole['high'], whole['over'], whole['under']) == (0, 255, 0.5, 0.5)
+    for curve, place in zip(whole['curves'], (25, 63, 0), strict=True):
+        assert len(curve) == BINS and sum(curve) == pytest.approx(1)
+        assert curve[place] == (1 if place == 0 else 0.5)
+    part = histogram(pixels_of(image, 'bgr8'), Region(x=320, y=0, width=10, height=10))
+    assert (part['over'], part['under']) == (1, 0)
+
+
+def test_histogram_of_floats() -> None:
+    image = np.tile(np.linspace(-1, 3, 400, dtype=np.float32), (4, 1))
+    image[0] = np.nan
+    chart = histogram(pixels_of(image, '32FC1'), None)
+    assert (chart['low'], chart['high'], chart['over'], chart['missing']) == (-1, 3, 0, 0.25)
+    assert sum(chart['curves'][0]) == pytest.approx(0.75)
+    for values in ([1e308, -1e308], [np.nan], [5, 5], [-1e308] * 2):
+        extreme = histogram(pixels_of(np.array([values], np.float64), '64FC1'), None)
+        assert extreme['low'] < extreme['high']
+        json.dumps(extreme, allow_nan=False)
