@@ -92,7 +92,7 @@ class Channel:
     def frame_arrived(self) -> None:
         """Send the newest frame, unless the page is busy or the frame is not due."""
         frame = self._shown[1] if self.options.held else self.stream.feed.newest
-        window = self._link.window if self._link else 1
+        window = self._link.window if self._link and not self.options.held else 1
         if (frame is None or frame.number == self._number or self._is_encoding
                 or self._is_closed or self._timer or len(self._unanswered) >= window):
             return

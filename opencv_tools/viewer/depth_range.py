@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 Limits = tuple[float, float]
 
 # Parts of the pixels that are below and above the range: a few wild pixels do not change it.
+_LARGEST = 1e300  # so that differences are finite
 _PERCENTILES = 2, 98
 # Time in which the range follows to two thirds.
 _FOLLOW_SECONDS = 2.0
@@ -40,7 +41,7 @@ def measure_limits(numbers: NDArray[Any]) -> Limits:
     if not numbers.size:
         return 0.0, 0.0
     low, high = np.percentile(numbers, _PERCENTILES, method='nearest')
-    return float(low), float(high)
+    return float(np.clip(low, -_LARGEST, _LARGEST)), float(np.clip(high, -_LARGEST, _LARGEST))
 
 
 class DepthRange:

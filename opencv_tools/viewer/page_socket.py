@@ -191,13 +191,16 @@ class PageSocket(SocketHandler):
         has_video = options.video and bool(self._codecs)
         slow = has_video and link.is_slow
         channel = self._channels.get(name)
-        looks = options.looks and not has_video and self._may_look(name)
+        holds = options.held and isinstance(channel, Channel) and channel.options.looks
+        if holds:
+            has_video = slow = False  # the pictures that are held are images
+        looks = holds or (options.looks and not has_video and self._may_look(name))
         options = replace(options, video=has_video, slow=slow, looks=looks)
         if channel and (channel.options.video, channel.options.slow, channel.options.held) == (
                 has_video, slow, options.held):
             channel.set_options(options)
             return None
-        if options.held and isinstance(channel, Channel) and channel.options.looks:
+        if holds and isinstance(channel, Channel):
             channel.set_options(options)
             self.site.hub.release(channel.stream)
             return None
@@ -206,7 +209,6 @@ class PageSocket(SocketHandler):
             return None  # there is no picture to hold
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
-        self._links[name] = link
         try:
             stream = await self.site.hub.acquire(name, video=has_video, slow=slow)
         except RequestError as err:
@@ -214,6 +216,7 @@ class PageSocket(SocketHandler):
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
+        self._links[name] = link
         video = self.site.hub.video(stream, slow) if has_video else None
         self._channels[name] = VideoChannel(
             video, options, self._codecs, link=link,

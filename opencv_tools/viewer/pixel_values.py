@@ -96,6 +96,8 @@ def histogram(pixels: Pixels, region: Region | None) -> _Chart:
     planes, names = _planes(pixels)
     part = region_within(region, *pixels.size)
     step = int(np.ceil(np.sqrt(part.width * part.height / _MAX_COUNTED))) or 1
+    if pixels.encoding.kind == 'bayer':
+        step |= 1  # so that all colours are counted
     planes = [part.crop(plane)[::step, ::step] for plane in planes]
     dtype = planes[0].dtype
     is_valid = np.ones(planes[0].shape, bool) if dtype.kind != 'f' else np.logical_and.reduce(
@@ -123,8 +125,9 @@ def _count(values: NDArray[Any], low: float, high: float) -> NDArray[Any]:
 def _limits(found: list[NDArray[Any]]) -> tuple[float, float]:
     """Return the smallest and the largest number, which differ; larger ones are left out."""
     numbers = [values for values in found if values.size]
-    low = max(-_LARGEST, min((float(values.min()) for values in numbers), default=0.0))
-    high = min(_LARGEST, max((float(values.max()) for values in numbers), default=1.0))
+    low = min((float(values.min()) for values in numbers), default=0.0)
+    high = max((float(values.max()) for values in numbers), default=1.0)
+    low, high = (min(_LARGEST, max(-_LARGEST, one)) for one in (low, high))
     return (low, high) if low < high else (low, low + max(1.0, abs(low)))
 
 

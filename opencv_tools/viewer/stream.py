@@ -74,6 +74,7 @@ class Stream:
         self._logged = ''
         self._broken = 0
         self._broken_number = 0
+        self._newest_number = 0  # of the frames that were encoded
         self._is_notified = False
         self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | str]]] = {}
         self._pixels: tuple[int, asyncio.Future[Pixels]] | None = None
@@ -168,6 +169,9 @@ class Stream:
         :param outcome: the picture, or the reason why there is none.
         """
         if isinstance(outcome, Picture):
+            if number < self._newest_number:
+                return  # a page holds this frame, and looks into it
+            self._newest_number = number
             self.last_picture = outcome
             if outcome.measured:
                 self._range.follow(outcome.measured, self._loop.time())

@@ -569,6 +569,36 @@ def test_held_picture(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+def test_picture_that_is_held_twice_leaves_that_of_another_page(
+        viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'front', latched=True)
+    camera.publish(GRAY)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        other, page = [await Page.connect(url) for _ in range(2)]
+        for one in (other, page):
+            await listed(one, '/front')
+            await one.send(codecs=['h264'])
+            await look_into(one, camera)
+        for options in ({'looks': True}, {'video': True}, {'looks': True, 'video': True}):
+            await page.send(subscribe='/front', held=True, **options)
+        await page.send(ping=1)
+        await page.text('pong')
+        await page.read_until(asyncio.sleep(3))  # longer than the viewer keeps an unused topic
+        assert camera.publisher.get_subscription_count() == 1
+        camera.publish(GRAY)
+        await other.picture()
+        page.socket.close()
+        await other.send(ping=2)
+        await other.text('pong')
+
+    run_page(look())
+    viewer.interrupt()
+    assert viewer.finish() == 0
+    assert 'Traceback' not in viewer.output and 'KeyError' not in viewer.output
+
+
 def test_questions_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
     cameras = [Camera(node, f'front_{number}', latched=True) for number in range(6)]
     for camera in cameras:

@@ -24,9 +24,11 @@ export class Arrangement {
   /** Read the arrangement of the address, or that of the last visit if the address has none. */
   constructor() {
     const { searchParams } = new URL(location);
-    const isGiven = NAMES.some((name) => searchParams.has(name));
-    const found = isGiven ? searchParams : new URLSearchParams(localStorage.getItem(KEY) ?? '');
+    const isGiven = NAMES.some((name) => !PASSING.includes(name) && searchParams.has(name));
+    let kept = '';
+    try { kept = localStorage.getItem(KEY) ?? ''; } catch { /* the browser refuses it */ }
     for (const name of NAMES) {
+      const found = isGiven || PASSING.includes(name) ? searchParams : new URLSearchParams(kept);
       for (const value of found.getAll(name)) this.#values.append(name, value);
     }
     this.keep();
@@ -87,8 +89,7 @@ export class Arrangement {
     for (const name of NAMES) url.searchParams.delete(name);
     for (const [name, value] of this.#values) url.searchParams.append(name, value);
     history.replaceState(null, '', url);
-    const kept = new URLSearchParams(this.#values);
-    for (const name of PASSING) kept.delete(name);
-    localStorage.setItem(KEY, kept);
+    const kept = [...this.#values].filter(([name]) => !PASSING.includes(name));
+    try { localStorage.setItem(KEY, new URLSearchParams(kept)); } catch { /* the browser refuses it */ }
   }
 }

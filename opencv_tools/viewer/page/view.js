@@ -103,7 +103,7 @@ export class View {
         Math.min(size, Math.ceil(this.#center[axis] + half))];
     });
     const sides = ends.map(([low, high]) => high - low);
-    return !this.#scale || String(sides) === String(this.size) ? null
+    return !this.#scale || !sides.every(Boolean) || String(sides) === String(this.size) ? null
       : [...ends.map(([low]) => low), ...sides];
   }
 

@@ -216,7 +216,8 @@ function ask() {
     if (looks) options.looks = true;
     const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
     if (held) options.held = true;
-    tile.ask(held || (tile.inView && !isPaused && !document.hidden), options);
+    const isSeen = tile.inView && !tile.element.hidden;
+    tile.ask(held || (isSeen && !isPaused && !document.hidden), options);
   }
 }
 

@@ -288,6 +288,18 @@ def test_held_picture_gets_other_regions_but_no_other_frame() -> None:
     run(work)
 
 
+def test_held_frame_does_not_change_what_the_stream_shows() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream)
+        stream.feed.put(ReceivedMessage(image(), 0))
+        picture = await page.wait(1)
+        for number, data in ((8, b'8'), (9, b'9'), (8, b'8')):  # a page holds frame 8, and zooms
+            stream.record(number, replace(picture, data=data))
+        assert stream.last_picture and stream.last_picture.data == b'9'
+
+    run(work)
+
+
 def test_another_region_keeps_the_quality_of_a_slow_link() -> None:
     async def work(stream: Stream, _: Console) -> None:
         page = Receiver(stream, replace(OPTIONS, region=Region(x=0, y=0, width=400, height=400)))

@@ -52,3 +52,10 @@ def test_limits_of_most_numbers() -> None:
     assert measure_limits(np.arange(101)) == (2, 98)
     assert measure_limits(np.array([], np.float32)) == (0, 0)
     assert measure_limits(np.full(9, 7)) == (7, 7)
+
+
+def test_range_of_the_largest_floats_stays_finite() -> None:
+    followed = DepthRange()
+    for step, numbers in enumerate(([-1.7e308, 1.7e308], [-1.7e308, -1.7e308], [1.7e308] * 2)):
+        followed.follow(measure_limits(np.array(numbers)), step / 10)
+        assert followed.limits is not None and np.isfinite(followed.limits).all()

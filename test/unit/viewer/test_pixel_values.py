@@ -157,3 +157,15 @@ def test_histogram_of_floats() -> None:
         extreme = histogram(pixels_of(np.array([values], np.float64), '64FC1'), None)
         assert extreme['low'] < extreme['high']
         json.dumps(extreme, allow_nan=False)
+
+
+def test_histogram_of_a_large_bayer_image_counts_all_colours() -> None:
+    image = np.zeros((1024, 1280), np.uint8)
+    image[::2, 1::2] = image[1::2, ::2] = 255  # the green pixels of rggb
+    chart = histogram(pixels_of(image, 'bayer_rggb8'), None)
+    assert chart['over'] == pytest.approx(0.5, abs=0.01)
+
+
+def test_histogram_of_the_largest_floats() -> None:
+    chart = histogram(pixels_of(np.full((4, 4), 1.5e308), '64FC1'), None)
+    assert np.isfinite([chart['low'], chart['high']]).all()
