@@ -45,7 +45,9 @@ from figures import add_json_option, Figure, print_figures
 import numpy as np
 from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
+from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.plan import NumbersSource, Plan
+from opencv_tools.datasets.shards import write_shard
 from opencv_tools.datasets.tracks import resolved
 from opencv_tools.datasets.videos import VideoFileWriter
 
@@ -254,6 +256,8 @@ def merge(folder: Path, jobs: Sequence[Job], rounds: int) -> Figure:
         shards.append(folder / f'shard_{number}')
         shards[-1].mkdir()
         job.folder.rename(shards[-1] / job.folder.name)
+        write_shard(shards[-1], (number + 1, len(jobs)), read_part(shards[-1] / job.folder.name)[
+            'plan'], [job.name])
     target = folder / 'merged'
     merging = partial(run_once, [*_STARTED, '--merge', *shards, target], target)
     seconds, _ = interleaved({'merge': merging}, rounds)['merge']
