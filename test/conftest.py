@@ -35,6 +35,7 @@ from typing import Any
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 import cv2
+import hypothesis
 import numpy as np
 from opencv_tools.signals import END_SIGNALS
 from prepared import programs
@@ -69,6 +70,10 @@ for _number in END_SIGNALS:
     if signal.getsignal(_number) is signal.SIG_IGN:
         signal.signal(_number, signal.default_int_handler if _number == signal.SIGINT
                       else signal.SIG_DFL)
+
+# A test never measures the machine.
+hypothesis.settings.register_profile('any machine', deadline=None)
+hypothesis.settings.load_profile('any machine')
 
 # The processes of the tests multiply no large matrices; their starts take a quarter less time.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

@@ -41,7 +41,8 @@ def measure_limits(numbers: NDArray[Any]) -> Limits:
     if not numbers.size:
         return 0.0, 0.0
     low, high = np.percentile(numbers, _PERCENTILES, method='nearest')
-    return float(np.clip(low, -_LARGEST, _LARGEST)), float(np.clip(high, -_LARGEST, _LARGEST))
+    low, high = (min(_LARGEST, max(-_LARGEST, float(one))) for one in (low, high))
+    return low, high
 
 
 class DepthRange:
