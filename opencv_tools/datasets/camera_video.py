@@ -29,9 +29,8 @@ from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.statistics import ImageStatistics, sampled_rows, Statistics
-from opencv_tools.datasets.tracks import Recording, Track
+from opencv_tools.datasets.tracks import Recording
 from opencv_tools.datasets.videos import VideoFileWriter
-from opencv_tools.units import NANO
 
 
 @dataclass(frozen=True)
@@ -72,18 +71,16 @@ class Work:
     ended: Event
 
 
-def write_video(work: Work, name: str, track: Track) -> Camera:
+def write_video(work: Work, name: str) -> Camera:
     """
     Write the video of a camera, with all episodes one after the other.
 
     :param name: name of the camera.
-    :param track: samples of the camera.
     :raises DatasetError: a picture cannot be used.
     :raises OSError: the file cannot be written.
     """
     plan, episodes = work.plan, work.episodes
-    pictures = row_pictures(work.recording.bag, name, track, np.concatenate(
-        [rows.samples[name] for rows in episodes]).tolist())
+    pictures = row_pictures(plan, work.recording, name, episodes)
     shown: list[int] = []
     prints: list[NDArray[np.uint8]] = []
     statistics: list[Statistics] = []
@@ -92,11 +89,10 @@ def write_video(work: Work, name: str, track: Track) -> Camera:
     try:
         for rows in episodes:
             episode, counted = ImageStatistics(), {*sampled_rows(len(rows.times)).tolist()}
-            for row, time_ns in enumerate(rows.times.tolist()):
+            for row in range(len(rows.times)):
                 if work.ended.is_set():
                     raise DatasetError('the conversion has ended')
                 sample, picture = next(pictures)
-                check_age(plan, name, time_ns - int(track.times[sample]))
                 image: Any = picture.image
                 size = picture.size
                 is_new = not shown or sample != shown[-1]
@@ -113,14 +109,3 @@ def write_video(work: Work, name: str, track: Track) -> Camera:
     finally:
         pictures.close()
     return Camera(size, np.array(shown), np.array(prints), statistics)
-
-
-def check_age(plan: Plan, name: str, age_ns: int) -> None:
-    """
-    Check that a picture is not too old, because later ones cannot be decoded.
-
-    :raises DatasetError: it is.
-    """
-    if abs(age_ns) > plan.max_gap * NANO:
-        raise DatasetError(f'{name} has no picture that can be decoded for {age_ns / NANO:.3f} s; '
-                           f'at most {plan.max_gap:g} s are allowed: use a larger --max-gap')

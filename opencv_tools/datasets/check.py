@@ -23,13 +23,12 @@ from typing import Any
 import numpy as np
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
-from opencv_tools.datasets.set_reader import SetReader, values_of
+from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
 from opencv_tools.image.text import enumerated, printable
 
 _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',
             'float16', 'float32', 'float64')
 _IMAGES = ('image', 'video')
-_MAX_TIME_ERROR = 1e-4  # seconds, as in LeRobot
 
 
 def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
@@ -124,7 +123,7 @@ def _value_problems(reader: SetReader, columns: dict[str, Any], tasks: int) -> d
              for name, values in columns.items()}
     times = columns['frame_index'] / reader.fps
     found['timestamps that are not frame_index / fps'] = int(np.count_nonzero(
-        np.abs(columns['timestamp'] - times) > _MAX_TIME_ERROR + 1e-6 * times))
+        np.abs(columns['timestamp'] - times) > MAX_TIME_ERROR + 1e-6 * times))
     found['task numbers without a task'] = int(np.count_nonzero(
         (columns['task_index'] < 0) | (columns['task_index'] >= tasks)))
     for name, values in columns.items():

@@ -28,11 +28,10 @@ from opencv_tools.datasets.merge import FINGERPRINTS
 from opencv_tools.datasets.part import FINGERPRINT
 from opencv_tools.datasets.pictures import fingerprint
 from opencv_tools.datasets.plan import IMAGES
-from opencv_tools.datasets.set_reader import SetReader, values_of
+from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
 from opencv_tools.datasets.videos import frame_luma, video_frames
 from opencv_tools.image.text import printable
 
-_MAX_TIME_ERROR = 1e-4  # seconds, as in LeRobot
 _MAX_LEVELS = 12.0  # largest difference of the small pictures of a frame, on average
 _SHIFT_LEVELS = 0.5  # by which the picture of another row must fit better
 
@@ -82,7 +81,7 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
     for row in episodes:
         for name, frame in (('from', begin), ('to', begin + row['length'])):
             found = row[f'videos/{key}/{name}_timestamp']
-            if not abs(found - frame / reader.fps) <= _MAX_TIME_ERROR:
+            if not abs(found - frame / reader.fps) <= MAX_TIME_ERROR:
                 yield (f'episode {row["episode_index"]} has {name}_timestamp {found}, not '
                        f'{frame / reader.fps}')
         begin += row['length']
@@ -93,7 +92,7 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
         if (frame.width, frame.height) != (width, height):
             yield f'frame {count} has {frame.width}x{frame.height} pixels, not {width}x{height}'
             return
-        late += abs(float(time) - count / reader.fps) > _MAX_TIME_ERROR
+        late += abs(float(time) - count / reader.fps) > MAX_TIME_ERROR
         count += 1
         if prints is not None and count <= expected:
             seen.append(fingerprint(frame_luma(frame)))

@@ -148,8 +148,7 @@ def _checked(recording: Recording, plan: Plan, rows: Rows) -> Rows:
     complete = Rows(rows.times, samples, rows.task)
     if plan.splits:
         return complete
-    for name, track in recording.tracks.items():
-        ages = np.abs(rows.times - track.times[samples[name]])
+    for name, ages in _ages(recording, complete).items():
         worst = int(np.argmax(ages))
         if ages[worst] > plan.max_gap * NANO:
             raise DatasetError(
@@ -162,10 +161,15 @@ def _checked(recording: Recording, plan: Plan, rows: Rows) -> Rows:
 
 def _is_good(recording: Recording, plan: Plan, rows: Rows) -> np.ndarray[Any, np.dtype[np.bool_]]:
     good = np.ones(len(rows.times), np.bool_)
-    for name, samples in rows.samples.items():
-        ages = np.abs(rows.times - recording.tracks[name].times[samples])
+    for ages in _ages(recording, rows).values():
         good &= ages <= plan.max_gap * NANO
     return good
+
+
+def _ages(recording: Recording, rows: Rows) -> dict[str, Times]:
+    """Return the distance of each row from its sample in nanoseconds, by topic."""
+    return {name: np.abs(rows.times - recording.tracks[name].times[samples])
+            for name, samples in rows.samples.items()}
 
 
 def _spans(recording: Recording, plan: Plan, bag: str, end: int) -> list[Span]:

@@ -23,6 +23,11 @@ class DatasetError(ValueError):
     """A data set cannot be written or read. The message contains the reason and the remedy."""
 
 
+def reason_of(err: Exception) -> str:
+    """Return the printable reason of an error, without the number of FFmpeg or the system."""
+    return printable(getattr(err, 'strerror', None) or err)
+
+
 def os_reason(err: OSError) -> str:
     """Return the file and the reason of an error of the operating system; pyarrow sets neither."""
     reason = printable(err.strerror or err, MAX_PATH)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Any
@@ -86,7 +87,6 @@ def _write_videos(plan: Plan, recording: Recording, episodes: list[Rows], folder
     work = Work(plan, recording, episodes, folder, threads, Event())
     with ThreadPoolExecutor(max(1, min(threads, len(names)))) as pool:
         try:
-            return dict(zip(names, pool.map(lambda name: write_video(
-                work, name, recording.tracks[name]), names)))
+            return dict(zip(names, pool.map(partial(write_video, work), names)))
         finally:
             work.ended.set()  # after an error or Ctrl-C nobody waits for the others

@@ -20,7 +20,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.datasets.plan import FORMATS, Plan
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import read_regular
@@ -68,7 +68,6 @@ def read_part(folder: Path) -> dict[str, Any]:
                 for one in content['episodes']):
             raise DatasetError(f'{PART} has no valid episodes')
     except (OSError, ValueError, TypeError, LookupError, RecursionError) as err:
-        reason = printable(getattr(err, 'strerror', None) or err)
-        raise DatasetError(f'{printable(folder, MAX_PATH)} is no part of a data set: {reason}'
-                           ) from err
+        raise DatasetError(f'{printable(folder, MAX_PATH)} is no part of a data set: '
+                           f'{reason_of(err)}') from err
     return content

@@ -16,45 +16,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.bags.bag import Bag
 from opencv_tools.capture.bag_pictures import bag_pictures
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.tracks import Track
-from opencv_tools.image.errors import ImageError
+from opencv_tools.datasets.plan import Plan
+from opencv_tools.datasets.rows import Rows
+from opencv_tools.datasets.tracks import Recording
 from opencv_tools.image.text import printable
+from opencv_tools.units import NANO
 
 
-def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
+def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence[Rows],
                  ) -> Generator[tuple[int, OutputImage], None, None]:
     """
     Yield the picture of each row.
 
-    :param bag: the bag; it may be read by others at the same time.
-    :param name: name of the camera, for errors.
-    :param track: samples of the camera.
-    :param samples: number of the sample of each row; no number is smaller than the one before.
+    :param recording: samples of the bag, which others may read at the same time.
+    :param name: name of the camera.
+    :param episodes: rows of each episode.
     :returns: an iterator over the number of the sample that is shown and its picture, whose
         ``image`` is (h, w, 3) BGR. A picture that cannot be decoded is replaced by the one before.
-    :raises DatasetError: no picture can be decoded before the first row, a picture cannot be
-        converted, or its size is another one.
+    :raises DatasetError: no picture can be decoded before the first row, or for too long, a
+        picture cannot be converted, or its size is another one.
     """
-    rows = list(samples)
-    wanted = sorted(set(rows))
-    pictures = bag_pictures(bag, track.topic, track.messages[wanted].tolist())
+    track = recording.tracks[name]
+    samples = np.concatenate([rows.samples[name] for rows in episodes]).tolist()
+    times = np.concatenate([rows.times for rows in episodes]).tolist()
+    wanted = sorted(set(samples))
+    pictures = bag_pictures(recording.bag, track.topic, track.messages[wanted].tolist())
     current = -1
     shown: tuple[int, OutputImage] | None = None
     size: tuple[int, int] | None = None
     reason = ''
     with closing(pictures):
-        for sample in rows:
+        for sample, time_ns in zip(samples, times):
             if sample != current:
                 current, picture = sample, _next(pictures)
                 if isinstance(picture, str):
@@ -68,14 +70,22 @@ def row_pictures(bag: Bag, name: str, track: Track, samples: Iterable[int],
                 raise DatasetError(f'{name} has no picture for the first row: message '
                                    f'{track.messages[sample]} of {printable(track.topic.name)} '
                                    f'cannot be decoded: {reason}')
+            _check_age(plan, name, time_ns - int(track.times[shown[0]]))
             yield shown
 
 
 def _next(pictures: Iterator[OutputImage | str]) -> OutputImage | str:
     try:
         return next(pictures, 'it is missing')
-    except (ImageError, OSError) as err:
+    except (ValueError, OSError) as err:
         raise DatasetError(str(err)) from err
+
+
+def _check_age(plan: Plan, name: str, age_ns: int) -> None:
+    """Check that a picture is not too old, because later ones cannot be decoded."""
+    if abs(age_ns) > plan.max_gap * NANO:
+        raise DatasetError(f'{name} has no picture that can be decoded for {age_ns / NANO:.3f} s; '
+                           f'at most {plan.max_gap:g} s are allowed: use a larger --max-gap')
 
 
 def luma(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

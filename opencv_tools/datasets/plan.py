@@ -29,10 +29,10 @@ STATE, ACTION = 'observation.state', 'action'
 IMAGES = 'observation.images.'
 #: Times of the samples of each row, in nanoseconds.
 STAMPS = 'stamp_ns'
-#: Value of --action for the state of the next row.
 #: Columns that every data set has.
 RESERVED = ('timestamp', 'frame_index', 'episode_index', 'index', 'task_index', STAMPS, 'bag',
             'episode', 'frame', 'task')
+#: Value of --action for the state of the next row.
 NEXT = 'next'
 LEROBOT, WEBDATASET, PARQUET = FORMATS = ('lerobot', 'webdataset', 'parquet')
 

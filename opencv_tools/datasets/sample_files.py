@@ -21,7 +21,7 @@ A picture that is a JPEG in the bag is stored as it is.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import closing, ExitStack
 import io
 import json
 from pathlib import Path
@@ -30,7 +30,6 @@ import tarfile
 from typing import Any
 
 import numpy as np
-from opencv_tools.datasets.camera_video import check_age
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
 from opencv_tools.datasets.pictures import row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
@@ -80,14 +79,10 @@ def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: s
     vectors = row_vectors(plan, recording, episodes)
     kept = shortened(plan, episodes)
     with ExitStack() as stack:
-        cameras = {}
-        for camera, _ in plan.images:
-            samples = np.concatenate([rows.samples[camera] for rows in kept]).tolist()
-            cameras[camera] = row_pictures(
-                recording.bag, camera, recording.tracks[camera], samples)
-            stack.callback(cameras[camera].close)
+        cameras = {camera: stack.enter_context(closing(
+            row_pictures(plan, recording, camera, kept))) for camera, _ in plan.images}
         for number, rows in enumerate(kept):
-            for row, time_ns in enumerate(rows.times.tolist()):
+            for row in range(len(rows.times)):
                 stamps = {one: int(track.times[rows.samples[one][row]])
                           for one, track in recording.tracks.items()}
                 jpegs = {}
@@ -95,7 +90,6 @@ def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: s
                     sample, picture = next(pictures)
                     shown[camera].append(sample)
                     stamps[camera] = int(recording.tracks[camera].times[sample])
-                    check_age(plan, camera, time_ns - stamps[camera])
                     jpegs[camera] = picture.jpeg[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
                 yield f'{number:06d}_{row:06d}', {

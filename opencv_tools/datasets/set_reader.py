@@ -24,11 +24,13 @@ from pathlib import Path
 import re
 from typing import Any, TypeGuard
 
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.datasets.lerobot import DEFAULT_TYPES, import_pyarrow, INFO
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import open_regular, read_regular
 
+#: Largest difference of times in seconds, as in LeRobot.
+MAX_TIME_ERROR = 1e-4
 _MAX_JSON = 1 << 28  # bytes
 _MAX_GROUP = 1 << 31  # bytes of a row group in memory
 _MAX_ROWS = 1 << 40  # of a set
@@ -82,8 +84,7 @@ class SetReader:
         try:
             content = json.loads(read_regular(self.folder / name, _MAX_JSON))
         except (OSError, ValueError, RecursionError) as err:
-            reason = getattr(err, 'strerror', None) or err
-            raise DatasetError(f'{name} cannot be read: {printable(reason)}') from err
+            raise DatasetError(f'{name} cannot be read: {reason_of(err)}') from err
         if not isinstance(content, dict):
             raise DatasetError(f'{name} has no object of JSON')
         return content
@@ -134,8 +135,7 @@ class SetReader:
         except (OSError, ValueError, pa.ArrowException) as err:
             if isinstance(err, DatasetError):
                 raise
-            reason = getattr(err, 'strerror', None) or err
-            raise DatasetError(f'{shown} cannot be read: {printable(reason)}') from err
+            raise DatasetError(f'{shown} cannot be read: {reason_of(err)}') from err
 
     def episodes(self) -> list[dict[str, Any]]:
         """

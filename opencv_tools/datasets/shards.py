@@ -21,7 +21,7 @@ import json
 from pathlib import Path
 import re
 
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.datasets.folders import natural_key, part_folder
 from opencv_tools.datasets.part import PART, read_part
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
@@ -120,8 +120,7 @@ def _read_list(path: Path) -> tuple[str, list[str]]:
         content = json.loads(read_regular(path, _MAX_BYTES))
         plan, bags = content['plan'], content['bags']
     except (OSError, ValueError, TypeError, LookupError, RecursionError) as err:
-        reason = getattr(err, 'strerror', None) or err
-        raise DatasetError(f'{printable(path, MAX_PATH)} cannot be read: {printable(reason)}'
+        raise DatasetError(f'{printable(path, MAX_PATH)} cannot be read: {reason_of(err)}'
                            ) from err
     if not isinstance(plan, str) or not isinstance(bags, list) or not all(
             isinstance(one, str) for one in bags):

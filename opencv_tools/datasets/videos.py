@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.video.frame import to_video_frame
@@ -158,8 +158,7 @@ def stream_settings(path: Path) -> bytes:
             context: Any = container.streams.video[0].codec_context
             return bytes(context.extradata or b'')
     except (av.error.FFmpegError, IndexError, OSError) as err:
-        reason = printable(getattr(err, 'strerror', None) or err)
-        raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {reason}') from err
+        raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {reason_of(err)}') from err
 
 
 def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
@@ -179,8 +178,7 @@ def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
                     raise DatasetError('it has a damaged frame')
                 yield frame.pts * Fraction(frame.time_base), frame
     except (av.error.FFmpegError, IndexError, OSError) as err:
-        reason = printable(getattr(err, 'strerror', None) or err)
-        raise DatasetError(f'it is no video, or is damaged: {reason}') from err
+        raise DatasetError(f'it is no video, or is damaged: {reason_of(err)}') from err
 
 
 def frame_luma(frame: Any) -> NDArray[np.uint8]:

@@ -194,9 +194,7 @@ def test_ended_command_leaves_no_process(end: signal.Signals, jobs: int, tmp_pat
         children = children_of(process.pid)
         assert len(children) >= jobs + 1 if jobs > 1 else not children
         process.send_signal(end)
-        began = time.monotonic()
         errors = process.communicate(timeout=DEADLINE)[1]
-        assert time.monotonic() - began < 5
     while any(map(is_running, children)):
         assert time.monotonic() < deadline
         time.sleep(0.01)

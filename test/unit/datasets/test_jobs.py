@@ -36,7 +36,6 @@ from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_here, find_jobs
 from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.plan import NumbersSource, Plan, STATE
-from opencv_tools.datasets.tracks import Track
 import pytest
 
 PLAN = Plan(fps=30, images=(('front', '/cam0/image_raw/compressed'),), vectors=(
@@ -146,24 +145,30 @@ a.mcap: 29 rows in 1 episodes
 """)
 
 
+@pytest.mark.parametrize(('end', 'text'), [
+    (DatasetError('it fails'), 'a.mcap: it fails'), (KeyboardInterrupt(), 'interrupted')])
 def test_videos_end_when_one_of_them_fails_or_the_command_ends(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Errors) -> None:
+        end: BaseException, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: Errors) -> None:
     bag = Drive(seconds=0.2).write(tmp_path / 'a.mcap')
     ended, begun = [], Event()
 
-    def fail_or_wait(work: Work, name: str, track: Track) -> Camera:
+    def fail_or_wait(work: Work, name: str) -> Camera:
         if name == 'front':
             begun.wait(DEADLINE)
-            raise DatasetError('it fails')
+            raise end
         begun.set()
         ended.append(work.ended.wait(DEADLINE))
-        return write_video(work, name, track)
+        with pytest.raises(DatasetError, match='the conversion has ended'):
+            write_video(work, name)
+        ended.append(True)
+        raise DatasetError('it has ended')
 
     monkeypatch.setattr(lerobot_rows, 'write_video', fail_or_wait)
     assert convert(bag, tmp_path / 'set', *CAMERA, '--image', 'b=/cam0/image_raw/compressed',
                    '--jobs', 2) == 1
-    assert ended == [True]
-    assert 'a.mcap: it fails' in capsys.readouterr().err
+    assert ended == [True, True]
+    assert text in capsys.readouterr().err
 
 
 def test_pattern_with_the_extension_of_a_bag(tmp_path: Path) -> None:
