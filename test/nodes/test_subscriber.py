@@ -34,7 +34,6 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
-from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -356,13 +355,9 @@ def test_blocking_recorder_slower_than_a_camera_that_shares(
     spin_until(camera, lambda: ours.subscribers > 0)
 
     def send_until(condition: Callable[[], bool]) -> None:
-        """Publish until a condition holds; fail if that takes 4 full queues of files."""
-        before = len(list(folder.glob('*.png')))
-
+        """Publish until a condition holds, without a pause in which the recorder catches up."""
         def holds() -> bool:
             ours.send('bgr8', 1080, 1920)
-            count = len(list(folder.glob('*.png'))) - before
-            assert count < 4 * MAX_DEPTH
             return condition()
 
         spin_until(camera, holds)
