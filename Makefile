@@ -171,8 +171,10 @@ test-docs: .venv/installed
 
 endif
 
-# Linters and pages do not depend on the versions of numpy and OpenCV.
-test-oldest: IGNORED = package/test_linters.py package/test_documentation.py
+# Linters, pages, signals and requests do not depend on the versions of numpy and OpenCV.
+test-oldest: IGNORED = package/test_linters.py package/test_documentation.py unit/message_types \
+  $(patsubst %,nodes/test_%.py,bad_input closed_streams hostile_nodes own_node prepared shutdown \
+    startup_signals topics transport viewer_control viewer_http viewer_robot)
 test-oldest: .venv-oldest/dev
 	$(call colcon_test,$(call in_venv,.venv-oldest),.venv-oldest/)
 
