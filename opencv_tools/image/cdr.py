@@ -38,6 +38,7 @@ from opencv_tools.units import NANO
 #: Names of the message types.
 IMAGE = 'sensor_msgs/msg/Image'
 COMPRESSED_IMAGE = 'sensor_msgs/msg/CompressedImage'
+DISPARITY_IMAGE = 'stereo_msgs/msg/DisparityImage'
 
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _HEAD_SIZE = len(_LITTLE_ENDIAN)
@@ -95,6 +96,17 @@ class WireImage:
     def description(self) -> str:
         """Size in pixels and encoding, in printable characters."""
         return f'{self.width}x{self.height} {printable(self.encoding, _MAX_TEXT)}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class WireDisparity(WireImage):
+    """
+    The image of a stereo_msgs/DisparityImage, in pixels.
+
+    :param min_disparity: smallest disparity; smaller numbers mean that there is none.
+    """
+
+    min_disparity: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,12 +175,17 @@ def cdr_to_image(serialized: Any) -> WireImage:
     :raises EncapsulationError: the buffer has another encapsulation than plain CDR.
     :raises CdrError: the buffer is too short.
     """
+    return WireImage(**_Reader(serialized).image())
+
+
+def cdr_to_disparity(serialized: Any) -> WireDisparity:
+    """Read a disparity image message from CDR, as ``cdr_to_image`` does."""
     reader = _Reader(serialized)
     header = reader.header()
-    height, width = reader.numbers('II')
-    return WireImage(
-        header=header, height=height, width=width, encoding=reader.string(),
-        is_bigendian=bool(reader.byte()), step=reader.numbers('I')[0], data=reader.data())
+    image = reader.image()
+    reader.numbers('ffIIII')  # focal length, base line and the part with disparities
+    reader.byte()
+    return WireDisparity(**image | {'header': header}, min_disparity=reader.numbers('f')[0])
 
 
 def cdr_to_compressed_image(serialized: Any) -> WireCompressedImage:
@@ -241,6 +258,14 @@ class _Reader:
         """Read a std_msgs/Header."""
         sec, nanosec = self.numbers('iI')
         return WireHeader(sec, nanosec, self.string())
+
+    def image(self) -> dict[str, Any]:
+        """Read the fields of a sensor_msgs/Image."""
+        header = self.header()
+        height, width = self.numbers('II')
+        return {'header': header, 'height': height, 'width': width, 'encoding': self.string(),
+                'is_bigendian': bool(self.byte()), 'step': self.numbers('I')[0],
+                'data': self.data()}
 
     def numbers(self, codes: str) -> tuple[int, ...]:
         """Read numbers of four bytes by format characters of ``struct``, such as ``'iI'``."""

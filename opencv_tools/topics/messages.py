@@ -20,19 +20,19 @@ from collections.abc import Callable
 from typing import Any
 
 from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, COMPRESSED_IMAGE, IMAGE, WireMessage)
+    cdr_to_compressed_image, cdr_to_disparity, cdr_to_image, COMPRESSED_IMAGE, DISPARITY_IMAGE,
+    IMAGE, WireMessage)
 from opencv_tools.image.errors import CdrError, EncapsulationError
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.video.messages import cdr_to_video, VIDEO_TOPICS, WireVideo
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import CompressedImage, Image
 
-#: Class of the messages and reader of plain CDR, by message type.
-MESSAGE_TYPES: dict[str, tuple[Any, Callable[[Any], WireMessage]]] = {
-    IMAGE: (Image, cdr_to_image),
-    COMPRESSED_IMAGE: (CompressedImage, cdr_to_compressed_image),
+#: Reader of plain CDR, by message type.
+MESSAGE_TYPES: dict[str, Callable[[Any], WireMessage]] = {
+    IMAGE: cdr_to_image,
+    COMPRESSED_IMAGE: cdr_to_compressed_image,
+    DISPARITY_IMAGE: cdr_to_disparity,
 }
-
 
 #: A message with an image, or with a picture of video.
 AnyMessage = WireMessage | WireVideo
@@ -44,9 +44,7 @@ def message_class(type_name: str) -> Any:
 
     :param type_name: one of ``MESSAGE_TYPES`` or ``VIDEO_TOPICS``.
     """
-    if type_name in VIDEO_TOPICS:
-        return message_type(type_name)
-    return MESSAGE_TYPES[type_name][0]
+    return message_type(type_name)
 
 
 def read_message(serialized: Any, type_name: str) -> AnyMessage:
@@ -61,11 +59,12 @@ def read_message(serialized: Any, type_name: str) -> AnyMessage:
     """
     if type_name in VIDEO_TOPICS:
         return cdr_to_video(type_name, serialized)
-    kind, read = MESSAGE_TYPES[type_name]
+    read = MESSAGE_TYPES[type_name]
     try:
         return read(serialized)
     except EncapsulationError:
         try:
-            return read(serialize_message(deserialize_message(bytes(serialized), kind)))
+            return read(serialize_message(deserialize_message(
+                bytes(serialized), message_class(type_name))))
         except RuntimeError as err:  # rclpy's RMWError is private
             raise CdrError(f'the middleware cannot read the message: {err}') from err

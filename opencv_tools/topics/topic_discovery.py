@@ -20,7 +20,7 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass
 import re
 
-from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.messages import MESSAGE_TYPES
@@ -35,7 +35,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 #: Types of the messages that each transport uses.
 TRANSPORTS = {
     'auto': (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS), 'raw': (IMAGE,),
-    'compressed': (COMPRESSED_IMAGE,), 'video': (*VIDEO_TOPICS,), 'shm': (IMAGE,)}
+    'compressed': (COMPRESSED_IMAGE,), 'video': (*VIDEO_TOPICS,), 'disparity': (DISPARITY_IMAGE,),
+    'shm': (IMAGE,)}
 
 # What rmw allows, less the longest suffix that a topic gets here.
 _MAX_NAME = 247 - len('/compressed')
@@ -240,7 +241,7 @@ def _possible_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
         return compressed, raw, subtopic, *own_video
     if resolved.endswith(tuple(f'/{suffix}' for suffix in VIDEO_TOPICS.values())):
         return *own_video, raw, compressed
-    return raw, subtopic, compressed, *video, *own_video
+    return raw, subtopic, compressed, *video, *own_video, ImageTopic(topic, DISPARITY_IMAGE)
 
 
 def _describe_silent(

@@ -25,9 +25,10 @@ from opencv_tools.cv_bridge import cvtColorForDisplay
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image_codecs import apply_colormap
 from opencv_tools.viewer.depth_range import Limits, measure_limits
+from opencv_tools.viewer.pixels import DISPARITY
 
-#: Units of the encodings of depth, by REP 118.
-UNITS = {'16UC1': 'mm', '32FC1': 'm'}
+#: Units of the encodings of depth, by REP 118, and of disparity.
+UNITS = {'16UC1': 'mm', '32FC1': 'm', DISPARITY.name: 'px'}
 
 # Colormap of OpenCV, and the colour of pixels without depth in BGR, which no depth has.
 _COLORS: dict[str, tuple[int | None, tuple[int, int, int]]] = {
@@ -62,7 +63,7 @@ def color_numbers(
     """
     low, high = limits
     shown = (np.full(image.shape, 128, np.uint8) if low == high else
-             cvtColorForDisplay(image, encoding.name, 'mono8', False, low, high))
+             cvtColorForDisplay(image, 'passthrough', 'mono8', False, low, high))
     colormap, no_number = _COLORS[colors if encoding.name in UNITS else 'gray']
     if colormap is not None:
         shown = apply_colormap(shown, colormap)
@@ -76,4 +77,5 @@ def color_numbers(
 def _missing(image: NDArray[Any], encoding: Encoding) -> NDArray[np.bool_]:
     """Return which pixels have no number; 0 in an image of depth means no depth."""
     missing = ~np.isfinite(image)
-    return missing | (image == 0) if encoding.name in UNITS else missing
+    has_zeros = encoding.name in UNITS and encoding is not DISPARITY
+    return missing | (image == 0) if has_zeros else missing

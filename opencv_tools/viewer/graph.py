@@ -22,7 +22,7 @@ from fnmatch import fnmatchcase
 import itertools
 from typing import Any
 
-from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
 from opencv_tools.topics.options import SubscriptionOptions
@@ -44,7 +44,7 @@ _MAX_NUMBERS = 10_000
 # Number of frames that the middleware keeps while the executor is busy.
 _DEPTH = 3
 _PACKET_DEPTH = 60  # a missing packet ends the video until the next key frame
-_TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed',
+_TRANSPORTS = {IMAGE: 'raw', COMPRESSED_IMAGE: 'compressed', DISPARITY_IMAGE: 'disparity',
                **dict.fromkeys(VIDEO_TOPICS, 'video')}
 # Codecs of other transports, whose messages are not images that OpenCV can decode.
 _OTHER_TRANSPORTS = ('/theora', '/zstd')
@@ -57,7 +57,7 @@ class ViewTopic:
 
     :param number: number of the topic, which never changes.
     :param name: name of the topic, without the end of a transport.
-    :param transports: published transports: ``raw``, ``compressed`` and ``video``.
+    :param transports: published transports: ``raw``, ``compressed``, ``disparity`` and ``video``.
     :param nodes: names of the publishing nodes.
     :param publishers: number of publishers.
     """
@@ -83,6 +83,8 @@ class ViewTopic:
         """
         if video and 'video' in self.transports:
             return PACKETS
+        if self.transports == ['disparity']:
+            return 'disparity'
         if original and 'raw' in self.transports and len(self.transports) > 1:
             return 'raw'
         return default

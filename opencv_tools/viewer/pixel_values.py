@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import CodecError
-from opencv_tools.viewer.pixels import Pixels
+from opencv_tools.viewer.pixels import DISPARITY, Pixels
 from opencv_tools.viewer.region import Region, region_within
 
 #: Samples of a line at most, and bins of a histogram.
@@ -54,6 +54,8 @@ def describe_pixel(pixels: Pixels, x: int, y: int) -> str:
     if encoding.kind == 'color' and encoding.order != 'y':
         return ', '.join(f'{name.upper()} {value}'
                          for name, value in zip(encoding.order, values, strict=True))
+    if encoding is DISPARITY:
+        return f'{values[0]} px' if np.isfinite(values[0]) else 'no disparity'
     if encoding.name in ('16UC1', '32FC1'):
         return _describe_depth(values[0], encoding.name == '16UC1')
     more = ', ...' if len(values) > _MAX_VALUES else ''

@@ -16,12 +16,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import WireImage, WireMessage
+from opencv_tools.image.cdr import WireDisparity, WireImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
@@ -29,6 +30,8 @@ from opencv_tools.image_codecs import decode_image
 from opencv_tools.viewer.compressed_depth import decode_compressed_depth, is_compressed_depth
 
 _BRIDGE = CvBridge()
+#: Encoding of the numbers of a disparity image: as 32FC1, but in pixels, with NaN for none.
+DISPARITY = replace(find_encoding('32FC1'), name='disparity')
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,12 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
     """
     if isinstance(message, WireImage):
         check_size(message.width, message.height, MAX_PIXELS)
-        return Pixels(_BRIDGE.imgmsg_to_cv2(message), find_encoding(message.encoding))
+        image, encoding = _BRIDGE.imgmsg_to_cv2(message), find_encoding(message.encoding)
+        if isinstance(message, WireDisparity) and encoding.name == '32FC1':
+            # A copy, because the array is a view of the message.
+            image = np.where(image >= message.min_disparity, image, np.float32(np.nan))
+            encoding = DISPARITY
+        return Pixels(image, encoding)
     content = bytes(message.data)
     if is_compressed_depth(message.format):
         return Pixels(*decode_compressed_depth(content, message.format))

@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+import array
 from collections.abc import Callable
 import json
 from pathlib import Path
@@ -29,7 +30,8 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sending import NANO
-from sensor_msgs.msg import CompressedImage
+from sensor_msgs.msg import CompressedImage, Image
+from stereo_msgs.msg import DisparityImage
 from test_page_layout import check_all
 
 pytest_plugins = ['pages']
@@ -299,7 +301,7 @@ def test_colours_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> Non
     expected = np.vstack(([[128] * 3], turbo))
     assert np.abs(np.array(page.evaluate(colors)) - expected).max() < 12
     bar = 'document.getElementById("bar").innerText.split(/\\s*\\n\\s*/).join()'
-    assert page.evaluate(bar) == '1 m,3 m,no depth'
+    assert page.evaluate(bar) == '1 m,3 m,no data'
     page.evaluate('document.getElementById("colors").value = "gray"; document.getElementById('
                   '"colors").dispatchEvent(new Event("change", {bubbles: true}))')
     page.wait_for(f'{colors}[3].every((one) => one > 250)')
@@ -322,6 +324,26 @@ def test_compressed_depth(viewer: Viewer, browser: Browser, camera: Node) -> Non
     page = browser.new_page(f'{viewer.url}?topic=/depth/compressedDepth')
     page.wait_for('document.getElementById("bar-low").textContent === "1234 mm"')
     assert page.evaluate('factOf("/depth/compressedDepth", "size")') == '640 \u00d7 480'
+    assert page.complaints() == []
+
+
+def test_disparity(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    numbers = np.full((480, 640), 12.5, np.float32)
+    numbers[:, :160], numbers[:, 480:] = -1, 0  # -1 is below the smallest disparity
+    image = Image(height=480, width=640, encoding='32FC1', step=2560)
+    image.data = array.array('B', numbers.tobytes())
+    publisher = camera.create_publisher(DisparityImage, '/disparity', LATCHED)
+    publisher.publish(DisparityImage(image=image, min_disparity=0.0, max_disparity=64.0))
+    page = browser.new_page(f'{viewer.url}?topic=/disparity')
+    page.wait_for('document.getElementById("bar-high").textContent === "12.5 px"')
+    assert page.evaluate('document.getElementById("bar-low").textContent') == '0 px'
+    assert page.evaluate('factOf("/disparity", "encoding")') == 'disparity'
+    colors = ('[0.1, 0.5, 0.9].map('
+              '(x) => pixel(tileOf("/disparity").querySelector("canvas"), x, 0.5))')
+    none, far, near = page.evaluate(colors)
+    assert np.abs(np.array(none) - (128, 128, 128)).max() < 12
+    assert np.abs(np.array(far) - (122, 4, 3)).max() < 16  # the last colour of Turbo
+    assert np.abs(np.array(near) - (48, 18, 59)).max() < 16  # the first one
     assert page.complaints() == []
 
 

@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[2]
 RELEASED = {
     'ament_copyright', 'ament_flake8', 'ament_index_python', 'ament_pep257', 'ament_xmllint',
     'builtin_interfaces', 'diagnostic_msgs', 'launch', 'launch_ros', 'rcl_interfaces', 'rclpy',
-    'rosgraph_msgs', 'rosidl_adapter', 'sensor_msgs', 'std_msgs', 'std_srvs',
+    'rosgraph_msgs', 'rosidl_adapter', 'sensor_msgs', 'std_msgs', 'std_srvs', 'stereo_msgs',
     'type_description_interfaces', 'xacro'}
 SYSTEM_KEYS = {
     'python3-catkin-pkg-modules', 'python3-hypothesis', 'python3-lxml', 'python3-matplotlib',

@@ -26,8 +26,8 @@ from images import random_image
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import (
-    cdr_to_compressed_image, cdr_to_image, compressed_image_to_cdr, image_to_cdr,
-    WireCompressedImage, WireHeader, WireImage)
+    cdr_to_compressed_image, cdr_to_image, compressed_image_to_cdr, DISPARITY_IMAGE, image_to_cdr,
+    WireCompressedImage, WireDisparity, WireHeader, WireImage)
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.errors import CdrError, EncapsulationError, EncodingError
 from opencv_tools.image.layout import array_to_wire
@@ -36,6 +36,7 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
+from stereo_msgs.msg import DisparityImage
 
 UINT32 = st.integers(0, 2**32 - 1)
 TEXTS = st.text(st.characters(exclude_characters='\0', exclude_categories=['Cs']), max_size=40)
@@ -199,3 +200,22 @@ def test_text_that_is_not_utf_8_is_read() -> None:
     serialized[12:16] = struct.pack('<I', 2**32 - 1)
     with pytest.raises(CdrError, match='needs 4294967295 bytes from offset 16'):
         cdr_to_image(serialized)
+
+
+@given(HEADERS, IMAGES, st.floats(width=32, allow_nan=False))
+def test_image_of_a_disparity_image(
+        header: WireHeader, image: WireImage, least: float) -> None:
+    message = DisparityImage(image=message_of(image), f=1.5, t=2.5, min_disparity=least,
+                             max_disparity=3.5, delta_d=4.5)
+    message.header.frame_id = header.frame_id
+    message.header.stamp.sec, message.header.stamp.nanosec = header.sec, header.nanosec
+    message.valid_window.do_rectify = True
+    serialized = serialize_message(message)
+    found = read_message(serialized, DISPARITY_IMAGE)
+    assert found == WireDisparity(
+        header=header, height=image.height, width=image.width, encoding=image.encoding,
+        is_bigendian=image.is_bigendian, step=image.step, data=memoryview(image.data),
+        min_disparity=least)
+    for size in (0, 4, len(serialized) // 2):
+        with pytest.raises(CdrError):
+            read_message(serialized[:size], DISPARITY_IMAGE)

@@ -20,7 +20,7 @@ import json
 
 from images import random_image
 import numpy as np
-from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
+from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage, WireDisparity
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.layout import array_to_wire
@@ -169,3 +169,13 @@ def test_histogram_of_a_large_bayer_image_counts_all_colours() -> None:
 def test_histogram_of_the_largest_floats() -> None:
     chart = histogram(pixels_of(np.full((4, 4), 1.5e308), '64FC1'), None)
     assert np.isfinite([chart['low'], chart['high']]).all()
+
+
+def test_values_of_disparity() -> None:
+    numbers = np.array([[-1, 0, 1.5], [np.nan, 2, np.inf]], np.float32)
+    pixels = read_pixels(WireDisparity(
+        header=NO_HEADER, height=2, width=3, encoding='32FC1', is_bigendian=False, step=12,
+        data=numbers.tobytes(), min_disparity=0.5))
+    assert [[describe_pixel(pixels, x, y) for x in range(3)] for y in range(2)] == [
+        ['no disparity', 'no disparity', '1.5 px'], ['no disparity', '2.0 px', 'no disparity']]
+    assert line_profile(pixels, (0, 0), (2, 0))['curves'] == [[None, None, 1.5]]
