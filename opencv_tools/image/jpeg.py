@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 import re
 import struct
@@ -108,6 +109,23 @@ def _find_frame(jpeg: bytes) -> _Frame:
     except struct.error:
         pass
     raise JpegError('a picture without a size')
+
+
+def jpeg_segment(jpeg: bytes, marker: int, prefix: bytes) -> bytes:
+    """
+    Return the content of the first segment before the scans that begins with some bytes.
+
+    :param marker: second byte of the marker.
+    :param prefix: the bytes, which the result lacks.
+    :returns: the content; b'' if there is no such segment.
+    """
+    with suppress(JpegError, struct.error):
+        for segment in _segments(jpeg) if jpeg.startswith(JPEG_SOI) else ():
+            if segment.marker == marker and jpeg.startswith(prefix, segment.start, segment.end):
+                return jpeg[segment.start + len(prefix):segment.end]
+            if segment.marker == _SOS:
+                break
+    return b''
 
 
 def check_jpeg(jpeg: bytes) -> int:

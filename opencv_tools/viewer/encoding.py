@@ -27,6 +27,7 @@ from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.compressed import parse_format
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CodecError, ImageError
+from opencv_tools.image.exif import is_sideways, jpeg_orientation, reversed_axes, turn_upright
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 from opencv_tools.image.text import printable
@@ -35,14 +36,13 @@ from opencv_tools.viewer.depth_colors import color_numbers, is_number, measure_i
 from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.pixels import Pixels, read_pixels
 from opencv_tools.viewer.region import Region, region_within
+from opencv_tools.viewer.scaling import pick, Reduction, scale, scale_reduced
 
 _BGR = find_encoding('bgr8')
 # Number of pixels up to which a picture keeps the colour of each pixel, because pages enlarge it.
 _SMALL = 200_000
 _SAMPLING_444 = 0x111111  # IMWRITE_JPEG_SAMPLING_FACTOR_444, which old versions of OpenCV lack
 _SAMPLING_FACTOR = 7  # IMWRITE_JPEG_SAMPLING_FACTOR, which they leave out
-# Factor above which a mean of all pixels is needed against false patterns.
-_AREA_FACTOR = 2
 # OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
 _REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
             8: cv2.IMREAD_REDUCED_COLOR_8}
@@ -143,9 +143,12 @@ def _encode_compressed(
     described = parse_format(message.format).codec[:20]
     if not content.startswith(JPEG_SOI):
         return replace(_encode_pixels(read_pixels(message), options, steady), encoding=described)
+    orientation = jpeg_orientation(content)
     width, height = jpeg_size(content)
     check_size(width, height, MAX_PIXELS)
     check_complete(content)
+    if is_sideways(orientation):
+        width, height = height, width
     region = region_within(options.region, width, height)
     wanted = options.width_for(region.width, region.height)
     if options.keep and options.region is None and wanted == width:
@@ -154,17 +157,15 @@ def _encode_compressed(
     most = region.width // wanted
     factor = max((step for step in _REDUCED if step <= most), default=1)
     try:
-        decoded = cv2.imdecode(np.frombuffer(content, np.uint8),
-                               _REDUCED.get(factor, cv2.IMREAD_COLOR))
+        decoded = cv2.imdecode(
+            np.frombuffer(content, np.uint8),
+            _REDUCED.get(factor, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as err:
         raise CodecError(f'{len(content)} bytes cannot be decoded as JPEG: {err.err}') from err
     if decoded is None:
         raise CodecError(f'{len(content)} bytes are not a JPEG that OpenCV can read')
-    if (decoded.shape[1] < decoded.shape[0]) != (width < height):  # turned as its Exif says
-        width, height = height, width
-        region = region_within(options.region, width, height)
-    part = region.crop(decoded, factor)
-    shown = _scale(part, options.width_for(part.shape[1], part.shape[0]))
+    shown = scale_reduced(turn_upright(decoded, orientation), region, wanted, Reduction(
+        factor=factor, size=(width, height), is_reversed=reversed_axes(orientation)))
     return Picture(data=_encode_jpeg(shown, options.quality),
                    width=shown.shape[1], height=shown.shape[0], source_size=(width, height),
                    encoding=described, region=region)
@@ -189,11 +190,11 @@ def _encode_pixels(
     if is_number(encoding):
         measured = measure_image(pixels.image, encoding)
         limits = options.limits or steady or measured
-        shown = color_numbers(_pick(image, width), encoding, limits, options.colors)
+        shown = color_numbers(pick(image, width), encoding, limits, options.colors)
     else:
         is_small = np.dtype(encoding.dtype) == np.uint8
         name = 'mono8' if encoding.channels == 1 and is_small else 'bgr8'
-        shown = cvtColorForDisplay(_scale(image, width) if is_small else _pick(image, width),
+        shown = cvtColorForDisplay(scale(image, width) if is_small else pick(image, width),
                                    encoding.name, name)
     return Picture(data=_encode_jpeg(shown, options.quality),
                    width=shown.shape[1], height=shown.shape[0], source_size=pixels.size,
@@ -213,19 +214,3 @@ def _encode_jpeg(image: NDArray[Any], quality: int) -> bytes:
     if not is_encoded:
         raise CodecError(f'a {image.shape[1]}x{image.shape[0]} picture cannot be encoded as JPEG')
     return content.tobytes()
-
-
-def _scale(image: NDArray[Any], width: int) -> NDArray[Any]:
-    """Return an image of bytes with another width."""
-    rows, columns = image.shape[:2]
-    if width == columns:
-        return image
-    size = width, max(1, round(rows * width / columns))
-    method = cv2.INTER_AREA if columns > _AREA_FACTOR * width else cv2.INTER_LINEAR
-    return cv2.resize(np.ascontiguousarray(image), size, interpolation=method)
-
-
-def _pick(image: NDArray[Any], width: int) -> NDArray[Any]:
-    """Return every n-th pixel, because a mean of depths or labels has no meaning."""
-    step = -(-image.shape[1] // width)
-    return image[::step, ::step]

@@ -25,6 +25,7 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireDisparity, WireImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
+from opencv_tools.image.exif import jpeg_orientation, turn_upright
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.viewer.compressed_depth import decode_compressed_depth, is_compressed_depth
@@ -74,5 +75,7 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
     if is_compressed_depth(message.format):
         return Pixels(*decode_compressed_depth(content, message.format))
     check_size(*image_size(content), MAX_PIXELS)
-    image = decode_image(content, upright)
+    image = decode_image(content)
+    if upright:
+        image = turn_upright(image, jpeg_orientation(content))
     return Pixels(image, decoded_encoding(image, message.format))

@@ -43,15 +43,9 @@ class Region:
         """First column, first row, width and height."""
         return self.x, self.y, self.width, self.height
 
-    def crop(self, image: NDArray[Any], factor: int = 1) -> NDArray[Any]:
-        """
-        Return a view of this part of an array.
-
-        :param image: (h, w) or (h, w, c) array.
-        :param factor: divisor of the size of the image that the array has.
-        """
-        right, bottom = self.x + self.width, self.y + self.height
-        return image[self.y // factor:-(-bottom // factor), self.x // factor:-(-right // factor)]
+    def crop(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return a view of this part of a (h, w) or (h, w, c) array."""
+        return image[self.y:self.y + self.height, self.x:self.x + self.width]
 
 
 def region_within(wanted: Region | None, width: int, height: int) -> Region:

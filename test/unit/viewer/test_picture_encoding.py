@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import cv2
-from images import random_image
+from images import oriented_jpeg, random_image, UPRIGHT
 import numpy as np
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage, WireImage
@@ -51,6 +51,12 @@ def wire(image: np.ndarray, encoding: str) -> WireImage:
 
 def compressed(data: bytes, name: str = 'jpeg') -> WireCompressedImage:
     return WireCompressedImage(header=NO_HEADER, format=name, data=data)
+
+
+def turned(shown: np.ndarray, orientation: int) -> bytes:
+    """Return a JPEG of an image that browsers turn by its Exif orientation."""
+    inverse = {6: 8, 8: 6}.get(orientation, orientation)
+    return oriented_jpeg(np.ascontiguousarray(UPRIGHT[inverse](shown)), orientation)
 
 
 @pytest.mark.parametrize('width', [0, 33, 64, 640])
@@ -152,13 +158,44 @@ def test_constant_depth_is_gray_and_no_depth_is_blue() -> None:
     assert np.abs(none.astype(int) - (110, 0, 0)).max() < 8
 
 
-def test_exif_orientation_is_applied_like_in_a_browser() -> None:
-    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
-                         '00000000')
-    jpeg = encode_image(gradient(), '.jpg').tobytes()
-    turned = jpeg[:2] + exif + jpeg[2:]
-    picture = encode_picture(compressed(turned), PictureOptions(320, 80))
+@pytest.mark.parametrize('width', [0, 320])
+def test_exif_orientation_is_applied_like_in_a_browser(width: int) -> None:
+    picture = encode_picture(
+        compressed(turned(gradient(480, 640), 6)), PictureOptions(width, 80))
     assert picture.height > picture.width
+    assert picture.is_kept == (width == 0)
+    assert (picture.source_size, picture.region.values) == ((480, 640), (0, 0, 480, 640))
+
+
+@pytest.mark.parametrize('size', [(639, 640), (640, 639), (15, 16)])
+@pytest.mark.parametrize('orientation', [1, 6])
+def test_jpeg_that_is_nearly_square(size: tuple[int, int], orientation: int) -> None:
+    message = compressed(turned(gradient(*size), orientation))
+    for options in (FULL, PictureOptions(size[0] // 8, 90), PictureOptions(0, 90, keep=False)):
+        picture = encode_picture(message, options)
+        assert (picture.source_size, picture.region.values) == (size, (0, 0, *size))
+
+
+@pytest.mark.parametrize('orientation', range(1, 9))
+@pytest.mark.parametrize(('region', 'width'), [
+    (None, 100), (None, 480), ((0, 0, 1000, 1000), 300), ((1006, 1002, 604, 594), 70),
+    ((1002, 1006, 901, 499), 300), ((602, 222, 999, 1279), 40)])
+def test_place_of_a_region_of_a_reduced_jpeg(
+        orientation: int, region: tuple[int, int, int, int] | None, width: int) -> None:
+    edge = (803, 709) if region and region[0] == 0 else (1203, 1109)  # white begins there
+    shown = np.zeros((1505, 1903, 3), np.uint8)
+    shown[edge[1]:, edge[0]:] = 255
+    wanted = region and Region(**dict(zip(('x', 'y', 'width', 'height'), region, strict=True)))
+    picture = encode_picture(compressed(turned(shown, orientation)),
+                             PictureOptions(width, 100, region=wanted))
+    found = pixels(picture)[..., 0] / 255
+    assert found.shape[1] == width and picture.source_size == (1903, 1505)
+    x, y, *sides = picture.region.values
+    for axis, begin in enumerate((x, y)):
+        count = found.shape[1 - axis]
+        line = found[-1] if axis == 0 else found[:, -1]
+        place = begin + (count - line.sum()) * sides[axis] / count
+        assert place == pytest.approx(edge[axis], abs=0.2 * sides[axis] / count)
 
 
 def test_broken_images_are_refused() -> None:
@@ -227,7 +264,7 @@ def test_region_has_the_pixels_of_the_whole_picture(encoding: str, width: int) -
     assert (part.region, whole.region.values) == (REGION, (0, 0, 256, 192))
     assert (part.width, part.height) == ((32, 24) if width else (64, 48))
     factor = 2 if width else 1
-    expected = REGION.crop(pixels(whole), factor).astype(int)
+    expected = pixels(whole)[64 // factor:112 // factor, 128 // factor:192 // factor].astype(int)
     # The colours at the edges of a Bayer image and of the blocks of a JPEG differ.
     assert np.median(np.abs(pixels(part).astype(int) - expected)) < 6
 
@@ -247,14 +284,12 @@ def test_region_of_a_compressed_image(name: str, ending: str, width: int) -> Non
 
 
 def test_region_of_a_turned_jpeg_is_that_of_the_shown_image() -> None:
-    exif = bytes.fromhex('ffe1 0022 457869660000 49492a0008000000 0100 1201030001000000 06000000 '
-                         '00000000')
-    jpeg = encode_image(gradient(), '.jpg').tobytes()
+    shown = cv2.rotate(gradient(), cv2.ROTATE_90_CLOCKWISE)
     region = Region(x=0, y=480, width=480, height=160)  # below a picture that is not turned
-    picture = encode_picture(compressed(jpeg[:2] + exif + jpeg[2:]),
+    picture = encode_picture(compressed(turned(shown, 6)),
                              PictureOptions(0, 95, region=region))
     assert (picture.region, picture.source_size) == (region, (480, 640))
-    expected = region.crop(cv2.rotate(gradient(), cv2.ROTATE_90_CLOCKWISE))
+    expected = region.crop(shown)
     assert np.abs(pixels(picture).astype(int) - expected).max() < 12
 
 

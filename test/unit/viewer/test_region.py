@@ -38,8 +38,6 @@ def test_whole_image() -> None:
     assert region_within(Region(x=60, y=40, width=9, height=9), 63, 47).values == (60, 40, 3, 7)
 
 
-def test_part_of_a_reduced_array() -> None:
+def test_part_of_an_array() -> None:
     image = np.arange(12 * 16).reshape(12, 16)
-    region = Region(x=4, y=2, width=6, height=4)
-    assert np.array_equal(region.crop(image), image[2:6, 4:10])
-    assert np.array_equal(region.crop(image[::2, ::2], 2), image[::2, ::2][1:3, 2:5])
+    assert np.array_equal(Region(x=4, y=2, width=6, height=4).crop(image), image[2:6, 4:10])
