@@ -25,7 +25,7 @@ from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.link_rate import LinkRate, MAX_WINDOW
-from opencv_tools.viewer.protocol import step_width, ViewOptions
+from opencv_tools.viewer.protocol import finite, step_width, ViewOptions
 from opencv_tools.viewer.stream import Stream
 
 # A frame may be sent before it is due by this part of the period, because frames have a jitter.
@@ -129,13 +129,15 @@ class Channel:
     def status(self) -> dict[str, Any]:
         """Return the state of this channel for its page."""
         link = self._link.bytes_per_second if self._link else None
-        sent = None
+        sent, limits = None, None
         if self._last:
             picture, quality = self._last
+            limits = picture.limits and [*map(finite, picture.limits)]
             sent = {'width': picture.width, 'height': picture.height, 'quality': quality,
                     'rate': round(self._sent.rate, 1), 'passed_through': picture.is_kept,
                     'bytes': len(picture.data)}
-        return {'sent': sent, 'link': None if link is None else round(link * 8e-6, 2)}
+        return {'sent': sent, 'range': limits,
+                'link': None if link is None else round(link * 8e-6, 2)}
 
     def _restart_link(self) -> None:
         """Begin with the requested size, whatever the link has carried before."""

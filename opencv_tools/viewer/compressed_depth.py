@@ -27,9 +27,6 @@ from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import decode_image
 
-#: End of the names of topics with such images.
-COMPRESSED_DEPTH = '/compressedDepth'
-
 # Number of the kind of compression, and two parameters of the quantisation.
 _HEAD = struct.Struct('<iff')
 _PNG = b'\x89PNG'

@@ -133,11 +133,14 @@ class Looks:
         """
         Return the answer to a question.
 
-        :raises RequestError: the frame of the picture is not kept.
+        :raises RequestError: the frame of the picture is not kept, or is video.
         """
         channel = self._channel_of(question.topic)
-        frame = channel.frame_of(question.picture) if isinstance(channel, Channel) else None
-        if frame is None or not isinstance(channel, Channel):
+        if channel is not None and not isinstance(channel, Channel):
+            raise RequestError('the browser decodes this video, so the node has no pixels of it: '
+                               'add quality=90 to the address of the page to get images')
+        frame = channel.frame_of(question.picture) if channel else None
+        if channel is None or frame is None:
             raise RequestError('the node has the frame of this picture no more: resume the page')
         pixels = await channel.stream.pixels(frame)
         return await channel.stream.in_pool(question.answer, pixels)

@@ -32,6 +32,8 @@ from opencv_tools.viewer.pixels import Pixels, read_pixels
 _P = ParamSpec('_P')
 _T = TypeVar('_T')
 
+# Time after the last question about pixels until they are forgotten.
+_PIXELS_SECONDS = 2.0
 # Pictures of a frame that are kept for other pages; a page may request any region.
 _MAX_PICTURES = 16
 
@@ -78,6 +80,7 @@ class Stream:
         self._is_notified = False
         self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | str]]] = {}
         self._pixels: tuple[int, asyncio.Future[Pixels]] | None = None
+        self._forgets: asyncio.TimerHandle | None = None
 
     @property
     def broken(self) -> int:
@@ -124,7 +127,7 @@ class Stream:
 
     async def pixels(self, frame: NewFrame) -> Pixels:
         """
-        Return the pixels of a frame, upright; those of the last one are kept.
+        Return the pixels of a frame, upright; those of the last one are kept for 2 s.
 
         :raises ImageError: the message is not a valid image.
         :raises CvBridgeError: the message is not a valid image.
@@ -132,7 +135,13 @@ class Stream:
         if self._pixels is None or self._pixels[0] != frame.number:
             self._pixels = frame.number, asyncio.ensure_future(
                 self.in_pool(read_pixels, frame.message, upright=True))
+        if self._forgets:
+            self._forgets.cancel()
+        self._forgets = self._loop.call_later(_PIXELS_SECONDS, self._forget_pixels)
         return await asyncio.shield(self._pixels[1])
+
+    def _forget_pixels(self) -> None:
+        self._pixels = None
 
     async def next_frame(self, after: int, seconds: float) -> NewFrame | None:
         """

@@ -20,6 +20,7 @@ import json
 
 from chromium import Browser, Page
 import cv2
+from images import oriented_jpeg, UPRIGHT
 import numpy as np
 from pages import Camera, STRIPE, Viewer
 import pytest
@@ -231,12 +232,56 @@ def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node)
         text.removeprefix('40, 220: ').split(', ')))
     assert np.abs(np.array([blue, green, red]) - STRIPE[0]).max() < 24
     page.press('h')
-    page.wait_for(f'{CHART}.startsWith("the node has the frame of this picture no more")')
+    page.wait_for(f'{CHART} === "the browser decodes this video, so the node has no pixels of '
+                  'it: add quality=90 to the address of the page to get images"')
     page.press('1')
     page.press('+')
     assert page.evaluate('sent.filter((one) => one.region).length') == 0
     video.show(page, 1)
+    page.go(f'{viewer.url}?topic={TOPIC}&quality=90')  # as it says
+    video.show(page, 2)
+    page.press('h')
+    page.wait_for(f'{CHART}.startsWith("0 to 255")')
     assert page.complaints() == []
+
+
+def test_line_of_a_touch_that_is_cancelled(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image())
+    page.call('Emulation.setTouchEmulationEnabled', enabled=True, maxTouchPoints=1)
+    page.press('l')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the panel has its place
+    drawn = 'document.querySelector(".line").getAttribute("d")'
+    for kind, points in (('touchStart', [(100.5, 100.5)]), ('touchMove', [(200.5, 100.5)]),
+                         ('touchCancel', [])):
+        page.call('Input.dispatchTouchEvent', type=kind, touchPoints=[
+            place_of(page, *point) for point in points])
+    page.wait_for(f'{drawn} === "M100.5 100.5L200.5 100.5"')
+    page.call('Emulation.setTouchEmulationEnabled', enabled=False)
+    move(page, place_of(page, 300.5, 300.5))
+    page.wait_for(f'{VALUE}.startsWith("300, 300: ")')
+    assert page.evaluate(drawn) == 'M100.5 100.5L200.5 100.5'
+
+
+def test_values_of_a_jpeg_that_is_turned(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    shown = np.zeros((640, 480, 3), np.uint8)
+    shown[:100, 400:] = 255
+    content = oriented_jpeg(np.ascontiguousarray(UPRIGHT[8](shown)), 6)
+    camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', LATCHED).publish(
+        CompressedImage(format='jpeg', data=content))
+    for more in ('', '&width=120'):  # unchanged, and scaled by the node
+        page = browser.new_page(f'{viewer.url}?topic={TOPIC}{more}')
+        page.wait_for(f'factOf({TOPIC!r}, "size") === "480 \u00d7 640"')
+        page.wait_for(f'factOf({TOPIC!r}, "shown").includes("unchanged")'
+                      f' === {json.dumps(not more)}')
+        page.evaluate('new Promise((done) => setTimeout(done, 1200))')
+        for (x, y), level in (((410, 60), 255), ((390, 60), 0), ((410, 120), 0)):
+            move(page, place_of(page, x + 0.5, y + 0.5, (480, 640)))
+            page.wait_for(f'{VALUE} === "{x}, {y}: B {level}, G {level}, R {level}"')
+            color = page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), '
+                                  f'{(x + 0.5) / 480}, {(y + 0.5) / 640})')
+            assert np.abs(np.array(color) - level).max() < 24
+        page.close()
 
 
 def test_cursor_and_region_of_a_closed_connection(

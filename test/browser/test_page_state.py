@@ -115,3 +115,25 @@ def test_picture_of_a_topic_that_has_ended(
                   'new DataView(data).setUint32(0, 4000000000); sockets[0].onmessage({data}); }')
     page.wait_for('sent.some((message) => message.got === 1)')
     assert page.complaints() == []
+
+
+def test_picture_of_an_earlier_connection_is_not_drawn(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    viewer = start_viewer()
+    front, page = Camera(camera, TOPIC), browser.new_page(viewer.url)
+    front.show(page, 1)
+    page.evaluate('window.decoding = []; window.decode = createImageBitmap; '
+                  'window.createImageBitmap = (...words) => new Promise('
+                  '(done) => decoding.push(() => done(decode(...words))));')
+    front.publish(2)
+    page.wait_for('decoding.length === 1')
+    viewer.process.interrupt()
+    assert viewer.process.finish() == 0
+    page.wait_for(f'{STATE} === "Reconnecting"')
+    start_viewer(port=viewer.port)
+    page.wait_for(f'{STATE} === "Live"')
+    page.evaluate('sent.length = drawn.length = 0; window.createImageBitmap = decode; '
+                  'decoding[0]()')
+    front.show(page, 3)
+    assert page.evaluate('drawn.every(({ number }) => number === 3)')
+    assert 'got' not in page.evaluate('document.getElementById("notice").textContent')

@@ -52,6 +52,7 @@ export class Look {
     this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
     if (event.type === 'pointerdown' && event.shiftKey) this.#setChart('profile');
     if (event.type === 'pointerdown' && this.chart === 'profile') this.#begin = pixel;
+    if (event.type === 'pointercancel') this.#begin = null;
     if (this.#begin && pixel) this.#line = [this.#begin, pixel];
     if (event.type === 'pointerup') this.#begin = null;
     this.#drawLine();

@@ -37,6 +37,7 @@ export class Tile {
   #asked = '';
   #video = null;
   #askedAt = 0;
+  #connected = {}; // another object after each reset
   #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '' };
   #ages = [];
   #age = NaN;
@@ -86,6 +87,7 @@ export class Tile {
   /** Forget what was asked, because the connection is a new one or the topic appeared. */
   reset() {
     this.#asked = '';
+    this.#connected = {};
     this.#drawn.sequence = -1;
     this.look?.reset();
     this.refusal = '';
@@ -142,18 +144,18 @@ export class Tile {
     const sequence = head.getUint32(4);
     const stamp = head.getFloat64(8);
     const sent = head.getFloat64(16);
+    const connected = this.#connected;
     try {
       const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, HEAD_BYTES)],
         { type: 'image/jpeg' }));
       const sides = [picture.width, picture.height];
-      let place = Array.from({ length: 6 }, (_, index) => head.getUint32(PLACE + 4 * index));
-      // A JPEG that came unchanged may be turned by its Exif orientation.
-      if (String(place.slice(4).reverse()) === String(sides)) place = [0, 0, ...sides, ...sides];
-      this.#show(picture, sides, { sequence, stamp, sent }, place);
+      const place = Array.from({ length: 6 }, (_, index) => head.getUint32(PLACE + 4 * index));
+      if (connected === this.#connected) this.#show(picture, sides, { sequence, stamp, sent }, place);
       picture.close();
     } catch {
       // A broken picture is left out; the next one may be good.
     }
+    if (connected !== this.#connected) return; // nobody waits for an answer
     this.connection.send({ got: sequence });
     this.look?.ask();
   }

@@ -30,6 +30,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.viewer import stream as stream_module
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
@@ -328,5 +329,41 @@ def test_few_regions_of_a_frame_are_kept() -> None:
         await settled()
         gc.collect()
         assert 2 < sum(picture() is not None for picture in pictures) < 20
+
+    run(work)
+
+
+def test_pixels_are_forgotten_after_the_last_question(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stream_module, '_PIXELS_SECONDS', 0.05)
+
+    async def work(stream: Stream, _: Console) -> None:
+        depth = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64)
+        content = encode_image(depth, '.png').tobytes()
+        stream.feed.put(ReceivedMessage(
+            WireCompressedImage(header=NO_HEADER, format='png', data=content), 0))
+        assert stream.feed.newest
+        first, second = [await stream.pixels(stream.feed.newest) for _ in range(2)]
+        assert first is second
+        kept = weakref.ref(first)
+        del first, second
+        await until(lambda: gc.collect() >= 0 and kept() is None)
+        again = await stream.pixels(stream.feed.newest)
+        assert np.array_equal(again.image, depth)
+
+    run(work)
+
+
+def test_range_of_a_page_is_not_that_of_another_page() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        depth = np.tile(np.arange(1000, 1640).astype(np.uint16), (480, 1))
+        stream.feed.put(ReceivedMessage(array_to_wire(depth, find_encoding('16UC1')), 0))
+        page = Receiver(stream)
+        assert page.channel.status()['range'] is None
+        automatic = (await page.wait(1)).limits
+        other = Receiver(stream, replace(OPTIONS, limits=(0.0, 500.0)))
+        assert (await other.wait(1)).limits == (0, 500)
+        assert other.channel.status()['range'] == [0, 500]
+        assert automatic and page.channel.status()['range'] == [*automatic]
+        assert automatic[0] > 1000
 
     run(work)
