@@ -29,6 +29,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SOURCES = {path.relative_to(ROOT).as_posix(): path.read_text()
            for path in sorted((ROOT / 'opencv_tools').rglob('*.py'))}
+_LICENCE_END = 'limitations under the License.\n'
 
 
 def _load_write_imports() -> ModuleType:
@@ -72,6 +73,15 @@ def test_lines_by_folder(capsys: pytest.CaptureFixture[str]) -> None:
 def test_modules_have_at_most_300_lines() -> None:
     assert {path: text.count('\n') for path, text in SOURCES.items()
             if text.count('\n') > 300} == {}
+
+
+def test_page_of_the_viewer_has_at_most_3000_lines() -> None:
+    # Without the heads with the licence. Pages of their own, such as calibrate.html, do not count.
+    texts = [path.read_text() for path in (ROOT / 'opencv_tools' / 'viewer' / 'page').iterdir()
+             if not path.name.startswith('calibrate')]
+    assert len(texts) > 10
+    lines = [text.rpartition(_LICENCE_END)[2].count('\n') for text in texts]
+    assert sum(lines) <= 3000
 
 
 def test_functions_have_at_most_50_lines() -> None:
