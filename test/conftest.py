@@ -95,7 +95,7 @@ def peak_memory(script: str, *arguments: object) -> int:
     """Return the peak memory in KB of a process that runs Python code to its end."""
     finished = subprocess.run(
         [sys.executable, '-c', f'{script}\n{PRINT_PEAK_MEMORY}', *map(str, arguments)],
-        capture_output=True, text=True, timeout=DEADLINE, check=False)
+        capture_output=True, text=True, timeout=5 * DEADLINE, check=False)
     assert finished.returncode == 0, finished.stderr
     return int(finished.stdout)
 
