@@ -44,7 +44,7 @@ class ReceivedMessage:
     :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
     :param number: number that the publisher gave; 0 if unknown.
     :param camera_info: calibration with the same stamp, if it was requested.
-    :param publisher: identifier of the publisher of video; b'' if unknown.
+    :param publisher: identifier of the publisher; b'' if unknown.
     """
 
     message: AnyMessage

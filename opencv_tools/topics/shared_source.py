@@ -173,7 +173,8 @@ class SharedSource:
                 header = frame.header
                 self._taken = ReceivedMessage(
                     _read(frame, self.origin.identity), time.time_ns(), header.publish_ns,
-                    header.message if header.is_message else header.number), Position(
+                    header.message if header.is_message else header.number,
+                    publisher=self.origin.publisher), Position(
                         header.message, header.number, bool(header.is_message))
             except CdrError as err:
                 self._taken = err.with_traceback(None), None  # which would keep the frame

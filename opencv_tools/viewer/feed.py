@@ -27,6 +27,7 @@ from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.units import NANO
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
+from opencv_tools.viewer.restarts import Restarts
 
 # Seconds and periods without a frame after which the reason is shown.
 _QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
@@ -83,6 +84,8 @@ class Feed:
         self._numbers = itertools.count(1)
         self._on_frame = on_frame
         self._meter = RateMeter(clock)
+        #: Restarts of the camera.
+        self.restarts = Restarts(clock)
 
     def opened(self, outcome: RequestError | None) -> None:
         """Use the outcome of the subscription."""
@@ -91,6 +94,7 @@ class Feed:
 
     def put(self, received: ReceivedMessage) -> None:
         """Replace the newest frame."""
+        self.restarts.add(received.publisher, received.stamp_ns)
         self.newest = NewFrame(next(self._numbers), received.image, received.receive_ns)
         self.error = ''
         self.arrived()

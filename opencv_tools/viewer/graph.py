@@ -60,6 +60,7 @@ class ViewTopic:
     :param transports: published transports: ``raw``, ``compressed``, ``disparity`` and ``video``.
     :param nodes: names of the publishing nodes.
     :param publishers: number of publishers.
+    :param senders: published topics of the publishers, by their identifiers.
     """
 
     number: int
@@ -67,10 +68,12 @@ class ViewTopic:
     transports: list[str] = field(default_factory=list)
     nodes: list[str] = field(default_factory=list)
     publishers: int = 0
+    senders: dict[bytes, str] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Return the values of the protocol."""
         values = asdict(self)
+        del values['senders']
         return {'id': values.pop('number'), **values}
 
     def transport(self, default: str, *, original: bool = False, video: bool = False) -> str:
@@ -201,6 +204,8 @@ class Graph:
     def state(self) -> GraphState:
         """Return the topics and the states of the subscriptions."""
         topics, more = self._topics()
+        for (name, _), (feed, _) in self._open.items():
+            feed.restarts.check(topics[name].senders)
         feeds = {key: FeedState(self._reason(topics[key[0]], feed, subscription),
                                 subscription.account.lost, subscription.is_latched)
                  for key, (feed, subscription) in self._open.items()}
@@ -262,6 +267,7 @@ class Graph:
             topic = found[base]
             node = printable(f'{info.node_namespace.rstrip("/")}/{info.node_name}')
             topic.publishers = max(topic.publishers, count)
+            topic.senders[bytes(info.endpoint_gid)] = name
             if transport not in topic.transports:
                 topic.transports.append(transport)
             if node not in topic.nodes and info.node_name != UNKNOWN_NODE:

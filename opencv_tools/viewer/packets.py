@@ -115,6 +115,7 @@ class PacketFeed(Feed):
     def put(self, received: ReceivedMessage) -> None:
         """Add a packet."""
         message = received.message
+        self.restarts.add(received.publisher, received.stamp_ns)
         # The numbers of the publisher show that packets are missing before this one.
         is_next = not received.number or received.number == self._published + 1
         self._published = received.number

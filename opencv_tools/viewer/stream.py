@@ -96,13 +96,14 @@ class Stream:
         """Return what the protocol tells about the pictures."""
         feed, picture = self.feed, self.last_picture
         width, height = picture.source_size if picture else (0, 0)
-        quiet = feed.quiet_seconds
+        quiet, restarted = feed.quiet_seconds, feed.restarts.seconds
         return {
             'id': self.number, 'name': self.name, 'width': width, 'height': height,
             'encoding': picture.encoding if picture else '',
             'unit': picture.unit if picture else '', 'rate': round(feed.rate, 1),
             'frames': feed.frames, 'broken': self.broken, 'encodings': self.encodings,
-            'quiet': None if quiet is None else round(quiet, 2)}
+            'quiet': None if quiet is None else round(quiet, 2),
+            'restarted': None if restarted is None else round(restarted, 1)}
 
     def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | str]:
         """

@@ -229,6 +229,33 @@ def test_publisher_restarts_with_another_size_and_transport(
     run_page(look())
 
 
+@pytest.mark.parametrize(('number', 'transport'), [
+    (signal.SIGINT, 'raw'), (signal.SIGKILL, 'auto')])
+def test_camera_that_starts_again(
+        number: signal.Signals, transport: str, start: Start) -> None:
+    viewer = start('img_viewer', port=0, transport=transport)
+    cameras = [start('img_publisher', source='pattern:64x48', publish_rate=20.0)]
+
+    async def look() -> None:
+        page = await Page.connect(address_of(viewer))
+        await listed(page, '/video_frames')
+        await page.send(subscribe='/video_frames')
+        state = await page.status(lambda state: state['frames'] > 40)
+        assert state['restarted'] is None
+        cameras[0].interrupt(number)
+        cameras[0].finish()
+        cameras.append(start('img_publisher', source='pattern:64x48', publish_rate=20.0))
+        state = await page.status(lambda state: state['restarted'] is not None)
+        frames = state['frames']
+        # Another camera joins, which is no restart.
+        cameras.append(start('img_publisher', source='pattern:64x48', publish_rate=20.0))
+        before = state['restarted']
+        state = await page.status(lambda state: state['frames'] > frames + 200)
+        assert state['restarted'] > before + 4
+
+    run_page(look())
+
+
 def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
     jpeg = encode_image(gradient(320, 240), '.jpg').tobytes()

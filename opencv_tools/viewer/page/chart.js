@@ -12,14 +12,14 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-const WIDTH = 256;
+export const WIDTH = 256;
 const HEIGHT = 100;
 
 const part = (id) => document.getElementById(id);
 const percent = (value) => value && `${(100 * value).toFixed(value < 0.1 ? 2 : 0)} %`;
 
 /** Return the path of numbers between two limits; null is a gap. */
-function path(numbers, low, high) {
+export function path(numbers, low, high) {
   let pen = 'M';
   return numbers.map((number, place) => {
     const x = (place / (numbers.length - 1 || 1)) * WIDTH;

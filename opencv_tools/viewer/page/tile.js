@@ -12,6 +12,7 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { History } from './history.js';
 import { Look } from './look.js';
 import { age, number, size, rate, showName } from './text.js';
 import { Video } from './video.js';
@@ -41,6 +42,7 @@ export class Tile {
   #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '' };
   #ages = [];
   #age = NaN;
+  #history;
   #part = (name) => this.element.querySelector(name);
 
   /**
@@ -61,6 +63,7 @@ export class Tile {
     this.context = this.canvas.getContext('2d', { alpha: false });
     this.view = new View(this.link, this.canvas);
     if (!onLook) return;
+    this.#history = new History(this.#part('.history'));
     this.look = new Look(this, (message) => connection.send(message), onPoint);
     this.view.listen(onLook, (event) => this.look.use(event));
   }
@@ -218,12 +221,15 @@ export class Tile {
     this.link.title = reason;
     this.#part('.wait').hidden = hasPicture || Boolean(reason);
     const { sent } = status;
+    const seconds = hasPicture ? this.#currentAge(connection.now) : NaN;
+    if (mood === 'live' && this.#asked && status.name) this.#history?.add(status, seconds);
     const facts = [
       ['Size', size(status)],
       ['Encoding', status.encoding],
       ['Rate', rate(status.rate)],
-      ['Age', hasPicture ? age(this.#currentAge(connection.now)) : ''],
+      ['Age', age(seconds)],
       ['Lost', status.frames ? number(status.lost) : ''],
+      ['Restarted', Number.isFinite(status.restarted) && `${age(status.restarted)} ago`],
       ['Broken', status.broken ? `${number(status.broken)} left out` : ''],
       ['Shown', sent && [size(sent), (sent.slow ? `${sent.video} for a slow link` : sent.video)
         || (sent.passed_through ? 'unchanged' : `quality ${sent.quality}`),

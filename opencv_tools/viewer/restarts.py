@@ -1,0 +1,125 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Cameras that start again, found by their publishers and their stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+import time
+
+from opencv_tools.units import NANO
+
+# Publishers that are remembered.
+_MAX_SENDERS = 32
+# Time for which a publisher can still be replaced by one that came later.
+_REPLACE_SECONDS = 60.0
+# A publisher that sends for longer beside another one is not replaced by it.
+_OVERLAP_SECONDS = 0.5
+# Seconds and periods without a frame after which a publisher is silent. The graph has the
+# publishers of a killed process for 20 s.
+_SILENT_SECONDS, _SILENT_PERIODS, _GRAPH_SECONDS = 2.0, 3, 30.0
+
+
+@dataclass
+class _Sender:
+    """
+    A publisher that has sent frames.
+
+    :param first_ns: stamp of its first frame in nanoseconds.
+    :param begun: time of its first frame.
+    :param rivals: publishers that it may replace.
+    """
+
+    first_ns: int
+    begun: float
+    rivals: set[bytes]
+    last_ns: int = 0
+    last_at: float = field(init=False)
+    frames: int = 0
+    topic: str = ''  # '' until the graph has it
+
+    def __post_init__(self) -> None:
+        self.last_at = self.begun
+
+    def replaces(self, other: _Sender) -> bool:
+        """Return whether it sends, and another publisher of its topic has fallen silent."""
+        if other.frames < 2 or self.topic != other.topic:
+            return False
+        period = (other.last_at - other.begun) / (other.frames - 1)
+        silence = self.last_at - other.last_at
+        return (self.begun - other.last_at < _GRAPH_SECONDS
+                and silence > max(_SILENT_SECONDS, _SILENT_PERIODS * period))
+
+
+class Restarts:
+    """
+    Notice that a new publisher replaces another one, or that stamps begin again.
+
+    The first publisher replaces none, nor does one that sends beside the others. The executor
+    calls ``add`` and ``check``.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """
+        Begin without publishers.
+
+        :param clock: monotonic clock in seconds.
+        """
+        self._clock = clock
+        self._senders: dict[bytes, _Sender] = {}
+        self._restarted_at: float | None = None
+
+    @property
+    def seconds(self) -> float | None:
+        """Time since the last restart in seconds; None without any."""
+        return None if self._restarted_at is None else self._clock() - self._restarted_at
+
+    def add(self, publisher: bytes, stamp_ns: int) -> None:
+        """Use a frame of a publisher; b'' is an unknown one."""
+        now = self._clock()
+        sender = self._senders.get(publisher)
+        if sender is None:
+            rivals = {*self._senders} - {b''} if publisher else set()
+            sender = self._senders[publisher] = _Sender(stamp_ns, now, rivals)
+            if len(self._senders) > _MAX_SENDERS:
+                del self._senders[next(iter(self._senders))]
+        elif stamp_ns < sender.last_ns - NANO and stamp_ns <= sender.first_ns + NANO:
+            self._restarted_at = now
+            sender.first_ns = stamp_ns
+        sender.last_ns, sender.last_at = stamp_ns, now
+        sender.frames += 1
+
+    def check(self, present: Mapping[bytes, str]) -> None:
+        """
+        Look for publishers that were replaced.
+
+        :param present: topics of the publishers in the graph.
+        """
+        now = self._clock()
+        for key, sender in self._senders.items():
+            sender.topic = present.get(key, sender.topic)
+        for sender in tuple(self._senders.values()):
+            if now - sender.begun > _REPLACE_SECONDS:
+                sender.rivals.clear()
+            for key in tuple(sender.rivals):
+                rival = self._senders.get(key)
+                if rival is None or rival.last_at > sender.begun + _OVERLAP_SECONDS:
+                    sender.rivals.remove(key)
+                elif (rival.topic and key not in present) or sender.replaces(rival):
+                    self._restarted_at = max(sender.begun, self._restarted_at or 0.0)
+                    sender.rivals.clear()
+                    del self._senders[key]
+                    break
