@@ -19,11 +19,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.encoding import Picture, PictureOptions
-from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.link_rate import LinkRate, MAX_WINDOW
 from opencv_tools.viewer.protocol import finite, step_width, ViewOptions
 from opencv_tools.viewer.stream import Stream
@@ -44,6 +45,7 @@ class Channel:
 
     def __init__(
         self, stream: Stream, options: ViewOptions, send: Callable[[NewFrame, Picture], int],
+        newest: Callable[[Feed], NewFrame | None] = attrgetter('newest'),
     ) -> None:
         """
         Create a channel and send the newest frame.
@@ -51,9 +53,11 @@ class Channel:
         :param stream: stream of the topic.
         :param options: what the viewer requests, without zeros except for the width.
         :param send: sends a picture and returns its sequence number.
+        :param newest: returns the frame of a feed that is sent next; None before the first one.
         """
         self.stream = stream
         self._send = send
+        self._newest = newest
         self._loop = asyncio.get_running_loop()
         self._unanswered: dict[int, tuple[float, int, NewFrame | None]] = {}
         self._shown: tuple[int, NewFrame | None] = 0, None  # the frame that the page shows
@@ -91,7 +95,7 @@ class Channel:
 
     def frame_arrived(self) -> None:
         """Send the newest frame, unless the page is busy or the frame is not due."""
-        frame = self._shown[1] if self.options.held else self.stream.feed.newest
+        frame = self._shown[1] if self.options.held else self._newest(self.stream.feed)
         window = self._link.window if self._link and not self.options.held else 1
         if (frame is None or frame.number == self._number or self._is_encoding
                 or self._is_closed or self._timer or len(self._unanswered) >= window):

@@ -31,6 +31,8 @@ from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.video.messages import VIDEO_TOPICS
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.feed import Feed
+from opencv_tools.viewer.overlays.boxes import DETECTIONS
+from opencv_tools.viewer.overlays.topics import OverlayTopics
 from opencv_tools.viewer.packets import PACKETS
 from opencv_tools.viewer.protocol import base_name, MAX_TOPICS, VIDEOS
 from opencv_tools.viewer.robot.topics import RobotState, RobotTopics
@@ -123,6 +125,7 @@ class GraphState:
     :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
         control.
     :param robot: publishers of the robot.
+    :param detections: names of the topics with boxes.
     """
 
     topics: dict[str, ViewTopic] = field(default_factory=dict)
@@ -130,11 +133,13 @@ class GraphState:
     feeds: dict[FeedKey, FeedState] = field(default_factory=dict)
     nodes: dict[str, list[str]] = field(default_factory=dict)
     robot: RobotState = field(default_factory=RobotState)
+    detections: list[str] = field(default_factory=list)
 
     def lists(self) -> dict[str, Any]:
         """Return what a page lists, by the name of the message."""
         return {'topics': [topic.as_json() for topic in self.topics.values()],
                 'more': self.more, 'robot': self.robot.publishers[0] > 0,
+                'detections': self.detections,
                 **({'nodes': self.nodes} if self.nodes else {})}
 
     def describe_unknown(self, name: str) -> str:
@@ -168,6 +173,8 @@ class Graph:
         self._open: dict[FeedKey, tuple[Feed, FrameSubscription]] = {}
         #: Topics of the robot, used in the executor as well.
         self.robot = RobotTopics(node, self._is_wanted, log)
+        #: Topics of overlays, used in the executor as well.
+        self.overlays = OverlayTopics(node, self._is_wanted)
 
     def find(self, name: str) -> ViewTopic | None:
         """Return a published image topic, which need not be in the list."""
@@ -200,6 +207,7 @@ class Graph:
         for key, (feed, _) in tuple(self._open.items()):
             self.close(key, feed)
         self.robot.close()
+        self.overlays.close_all()
 
     def state(self) -> GraphState:
         """Return the topics and the states of the subscriptions."""
@@ -211,7 +219,8 @@ class Graph:
                  for key, (feed, subscription) in self._open.items()}
         nodes = (self.control.nodes(node for topic in topics.values() for node in topic.nodes)
                  if self.control else {})
-        return GraphState(topics, more, feeds, nodes, self.robot.state())
+        return GraphState(topics, more, feeds, nodes, self.robot.state(),
+                          self.overlays.names(DETECTIONS))
 
     def _topics(self) -> tuple[dict[str, ViewTopic], int]:
         """Return the topics of the list and those that somebody looks at; count the others."""

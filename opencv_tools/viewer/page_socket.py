@@ -20,6 +20,7 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 import json
 import socket
 import time
@@ -67,6 +68,8 @@ class PageSocket(SocketHandler):
         self._writing: dict[int, asyncio.Future[None]] = {}
         self._controlling = asyncio.Lock()
         self._looks = Looks(lambda name: self._channels.get(name), self._write)
+        self._overlays = self.site.overlays(
+            lambda name: self._channels.get(name), self._write, self._post)
         self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
@@ -84,6 +87,7 @@ class PageSocket(SocketHandler):
             self._unsubscribe(name)
         if hasattr(self, '_looks'):
             self._looks.close()
+            self._overlays.close()
         for task in tuple(getattr(self, '_tasks', ())):
             task.cancel()
 
@@ -113,8 +117,8 @@ class PageSocket(SocketHandler):
         if self._channels:
             hub = self.site.hub
             self._post({'status': [
-                {**hub.status(channel.stream), **channel.status()}
-                for channel in self._channels.values()]})
+                {**hub.status(channel.stream), **channel.status(), **self._overlays.status(name)}
+                for name, channel in self._channels.items()]})
         for name, channel in tuple(self._channels.items()):
             if isinstance(channel, VideoChannel) and channel.link.is_slow != channel.options.slow:
                 self._add_task(self._subscribe_again(name, channel.options))
@@ -136,8 +140,9 @@ class PageSocket(SocketHandler):
                 topic_of(message['subscribe']), parse_options(message))
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
+            self._overlays.forget(topic_of(message['unsubscribe']))
             self._links.pop(message['unsubscribe'], None)
-        elif not self._looks.ask(message):
+        elif not self._looks.ask(message) and not self._overlays.ask(message):
             self._start_control(message)
         return None
 
@@ -226,8 +231,9 @@ class PageSocket(SocketHandler):
             refuse=lambda reason: self._post({'refused': {'topic': name, 'reason': reason}}),
         ) if video else Channel(
             stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
-                stream.number, sequence, frame.stamp, time.time(),
-                (*picture.region.values, *picture.source_size), picture.data)))
+                stream.number, self._overlays.send(name, frame, sequence), frame.stamp,
+                time.time(), (*picture.region.values, *picture.source_size), picture.data)),
+            partial(self._overlays.newest, name))
         return None
 
     def _may_look(self, name: str) -> bool:

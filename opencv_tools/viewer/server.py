@@ -20,6 +20,7 @@ import asyncio
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 import logging
 import os
 import socket
@@ -36,6 +37,8 @@ from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.hub import Hub
+from opencv_tools.viewer.overlays.page_overlays import PageOverlays
+from opencv_tools.viewer.overlays.sources import OverlaySources
 from opencv_tools.viewer.page_files import read_page
 from opencv_tools.viewer.page_socket import PageSocket
 from opencv_tools.viewer.parameters import ViewerSettings
@@ -147,7 +150,8 @@ class ViewerServer:
         with ThreadPoolExecutor(_ENCODERS, 'encoder') as pool:
             hub = Hub(self._settings, self._graph, self._calls, pool, self._log)
             site = Site(hub, self._access, with_robot_page(read_page()), self._node,
-                        self._port, self._tls is not None, self._log)
+                        self._port, self._tls is not None, self._log,
+                        partial(PageOverlays, OverlaySources(self._graph.overlays, self._calls)))
             calibrations = Calibrations(hub, self._log)
             robots = LiveRobots(hub, self._graph.robot, self._calls)
             application = _application(site, calibrations=calibrations, robots=robots)

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,6 +27,7 @@ from opencv_tools.sending import SendingHandler
 from opencv_tools.viewer.access import Access, check_origin, is_same_origin
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
+from opencv_tools.viewer.overlays.page_overlays import PageOverlays
 from opencv_tools.viewer.page_files import CALIBRATE, INDEX, PageFile, TOKEN_FORM
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketHandler
@@ -58,6 +59,7 @@ class Site:
     :param port: port of the server.
     :param is_secure: whether the connection is encrypted.
     :param log: log of the node.
+    :param overlays: creates the overlays of a page.
     """
 
     hub: Hub
@@ -67,6 +69,7 @@ class Site:
     port: int
     is_secure: bool
     log: Log
+    overlays: Callable[..., PageOverlays]
 
     @property
     def cookie(self) -> str:

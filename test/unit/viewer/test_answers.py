@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from typing import cast
+from typing import Any, cast
 
 from conftest import DEADLINE
 from opencv_tools import sending
@@ -60,7 +60,7 @@ def test_answer_that_is_not_read_ends(
     async def ask() -> int:
         ended = asyncio.Event()
         site = Site(cast(Hub, None), Access('', {'localhost'}), {}, '/viewer', 0, False,
-                    cast(Log, None))
+                    cast(Log, None), cast(Any, None))
         server = HTTPServer(Application(
             [('/', handler, {'site': site})], log_function=lambda _: None, ended=ended))
         (listening,) = bind_sockets(0, '127.0.0.1')

@@ -1,0 +1,159 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Frames of a topic whose boxes have arrived, matched by their stamps."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable
+
+from opencv_tools.image.text import printable
+from opencv_tools.topics.rate_meter import RateMeter
+from opencv_tools.viewer.feed import Feed, NewFrame
+from opencv_tools.viewer.overlays.boxes import Boxes
+from opencv_tools.viewer.overlays.sources import BoxSource, Detections
+
+# Frames that wait for their boxes, and their bytes.
+_MAX_FRAMES, _MAX_FRAME_BYTES = 32, 64 << 20
+_MAX_READ = 8  # frames whose boxes are kept; a page may request one with another region
+_PERIOD = 1 / 60  # between two matches in seconds
+# Seconds and periods without a match after which frames are shown without boxes.
+_QUIET_SECONDS, _QUIET_PERIODS, _MAX_QUIET_SECONDS = 1.0, 3, 3.0
+
+
+class MatchedFrames:
+    """
+    Choose the frames that a page shows: the newest one with boxes, while boxes arrive.
+
+    Boxes follow their frame by the time that a detector needs, so that newer frames have none.
+    """
+
+    def __init__(self, source: BoxSource, matched: Callable[[NewFrame], Awaitable[None]],
+                 expired: Callable[[], object]) -> None:
+        """
+        Create an object without frames.
+
+        :param source: messages with boxes.
+        :param matched: called with a frame when its boxes, or other boxes, have arrived.
+        :param expired: called when frames are shown without boxes again.
+        """
+        self._source = source
+        self._on_match = matched
+        self._on_expiry = expired
+        self._loop = asyncio.get_running_loop()
+        self._feed: Feed | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._clear()
+
+    def close(self) -> None:
+        """Match nothing any more."""
+        for work in (self._task, self._timer):
+            if work:
+                work.cancel()
+
+    def choose(self, feed: Feed) -> NewFrame | None:
+        """Return the frame to show; None before the first one."""
+        if feed is not self._feed:  # numbers of frames begin again
+            self._feed = feed
+            self._clear()
+        newest = feed.newest
+        if newest and not (self._frames and self._frames[-1].number == newest.number):
+            self._keep(newest)
+            self.look()
+        wait = self._hold_seconds()
+        if self._matched is None or wait <= 0:
+            return newest
+        if self._timer:
+            self._timer.cancel()
+        self._timer = self._loop.call_later(wait, self._on_expiry)
+        return self._matched
+
+    def boxes(self, frame: NewFrame) -> Boxes | None:
+        """Return the boxes of a frame; None if it has none yet."""
+        found = self._read.get(frame.number)
+        return found.boxes if found else None
+
+    def look(self) -> None:
+        """Read the boxes of the newest frame that has some."""
+        if (self._task is None or self._task.done()) and self._next():
+            self._task = asyncio.ensure_future(self._read_all())
+
+    def describe(self) -> str:
+        """Return what is drawn, or why nothing is."""
+        topic, source = printable(self._source.key[0]), self._source
+        if source.refusal or source.problem:
+            return source.refusal or f'a message of {topic} is left out: {source.problem}'
+        boxes = self._matched and self._hold_seconds() > 0 and self.boxes(self._matched)
+        if boxes:
+            return boxes.describe()
+        if source.newest is None:
+            return f'no message on {topic} yet'
+        if not source.newest.header.stamp_ns:
+            return f'the messages of {topic} have no stamp, which boxes need'
+        frame = next((one for one in reversed(self._frames) if source.find(one.stamp_ns)), None)
+        if frame:
+            frames = printable(source.newest.header.frame_id), printable(_frame_id(frame))
+            return f'{topic} has the frame_id {frames[0]}, but the pictures have {frames[1]}'
+        return f'no message of {topic} has the stamp of a picture'
+
+    def _clear(self) -> None:
+        self._frames: deque[NewFrame] = deque(maxlen=_MAX_FRAMES)
+        self._read: dict[int, Detections] = {}  # by the number of the frame
+        self._matched: NewFrame | None = None
+        self._meter = RateMeter(self._loop.time)
+
+    def _keep(self, frame: NewFrame) -> None:
+        self._frames.append(frame)
+        while len(self._frames) > 1 and sum(
+                memoryview(one.message.data).nbytes for one in self._frames) > _MAX_FRAME_BYTES:
+            self._frames.popleft()
+
+    def _hold_seconds(self) -> float:
+        """Return the time until frames without boxes are shown again."""
+        quiet = self._meter.silent_seconds
+        return -1.0 if quiet is None else min(_MAX_QUIET_SECONDS, max(
+            _QUIET_SECONDS, _QUIET_PERIODS * self._meter.period)) - quiet
+
+    def _next(self) -> tuple[NewFrame, Detections] | None:
+        """Return the newest frame whose boxes have arrived and were not read."""
+        for frame in reversed(self._frames):
+            found = self._source.find(frame.stamp_ns)
+            if found and found is not self._read.get(frame.number) and _frame_id(frame) in (
+                    '', found.header.frame_id or _frame_id(frame)):
+                return frame, found
+            if self._matched and frame.number <= self._matched.number:
+                break
+        return None
+
+    async def _read_all(self) -> None:
+        while found := self._next():
+            frame, detections = found
+            feed = self._feed
+            await self._source.read(detections)
+            if feed is not self._feed:
+                continue
+            self._read[frame.number] = detections
+            if len(self._read) > _MAX_READ:
+                del self._read[next(iter(self._read))]
+            if detections.boxes is not None:
+                self._matched = frame
+                self._meter.add()
+                await self._on_match(frame)
+            await asyncio.sleep(_PERIOD)
+
+
+def _frame_id(frame: NewFrame) -> str:
+    return frame.message.header.frame_id

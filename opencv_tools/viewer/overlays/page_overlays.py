@@ -1,0 +1,193 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Overlays of the pictures of one page."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from opencv_tools.viewer.channel import Channel
+from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.feed import Feed, NewFrame
+from opencv_tools.viewer.overlays.camera import CameraOverlay
+from opencv_tools.viewer.overlays.matching import MatchedFrames
+from opencv_tools.viewer.overlays.sources import BoxSource, OverlaySources
+from opencv_tools.viewer.protocol import topic_of
+from opencv_tools.viewer.video_channel import VideoChannel
+
+_MAX_TOPICS = 4  # whose pictures have overlays, in a page
+_MAX_NAME = 256
+_Message = dict[str, Any]
+
+
+@dataclass
+class _Drawn:
+    """
+    Boxes over the pictures of a topic.
+
+    :param source: messages with boxes.
+    :param frames: frames of the pictures.
+    :param sent: numbers of the frame and of the picture that were sent last.
+    """
+
+    source: BoxSource
+    frames: MatchedFrames
+    sent: tuple[int, int] = 0, 0
+
+
+class PageOverlays:
+    """
+    Match boxes and calibrations with the pictures of a page, and send them.
+
+    All methods run in the loop of the server.
+    """
+
+    def __init__(self, sources: OverlaySources, channel_of: Callable[[str], object],
+                 write: Callable[[_Message], Awaitable[None]],
+                 post: Callable[[_Message], object]) -> None:
+        """
+        Create an object without overlays.
+
+        :param sources: topics of all pages.
+        :param channel_of: returns what sends the pictures of a topic to the page.
+        :param write: sends a message, and waits until it is sent.
+        :param post: sends a message without waiting.
+        """
+        self._sources = sources
+        self._channel_of = channel_of
+        self._write = write
+        self._post = post
+        self._boxes: dict[str, _Drawn] = {}
+        self._cameras: dict[str, CameraOverlay] = {}
+
+    def ask(self, message: _Message) -> bool:
+        """
+        Use other overlays of a topic, if a message asks for them.
+
+        :returns: whether it does.
+        :raises RequestError: a value is invalid, or there are too many topics.
+        """
+        if 'overlays' not in message:
+            return False
+        topic, name = topic_of(message['overlays']), message.get('boxes', '')
+        if not isinstance(name, str) or len(name) > _MAX_NAME:
+            raise RequestError('boxes is not the name of a topic')
+        if self._channel_of(topic) is None:  # it has ended, or was refused
+            self.forget(topic)
+            return True
+        has_camera = message.get('camera', False) is True
+        others = (self._boxes.keys() | self._cameras.keys()) - {topic}
+        if (name or has_camera) and len(others) >= _MAX_TOPICS:
+            raise RequestError(f'a page can have overlays of {_MAX_TOPICS} topics at most')
+        self._set_boxes(topic, name)
+        self._set_camera(topic, has_camera)
+        return True
+
+    def forget(self, topic: str) -> None:
+        """Use no overlays of a topic any more."""
+        self._set_boxes(topic, '')
+        self._set_camera(topic, False)
+
+    def close(self) -> None:
+        """Use no overlays any more."""
+        for topic in {*self._boxes, *self._cameras}:
+            self.forget(topic)
+
+    def newest(self, topic: str, feed: Feed) -> NewFrame | None:
+        """Return the frame of a feed that is sent next; None before the first one."""
+        return self._boxes[topic].frames.choose(feed) if topic in self._boxes else feed.newest
+
+    def send(self, topic: str, frame: NewFrame, sequence: int) -> int:
+        """Send the boxes of a picture, which follows, and return its sequence number."""
+        drawn = self._boxes.get(topic)
+        if drawn:
+            drawn.sent = frame.number, sequence
+            boxes = drawn.frames.boxes(frame)
+            if boxes is not None:
+                self._post(_message(topic, sequence, boxes.as_json()))
+        return sequence
+
+    def status(self, topic: str) -> _Message:
+        """Return what is drawn, or why nothing is; look for what was refused once more."""
+        notes = []
+        drawn, camera = self._boxes.get(topic), self._cameras.get(topic)
+        channel = self._channel_of(topic)
+        if drawn:
+            notes.append(drawn.frames.describe() if isinstance(channel, Channel)
+                         else 'boxes need pictures, and this is video')
+        if camera:
+            camera.look()
+            notes.append(camera.describe())
+        for overlay in (drawn, camera):
+            if overlay and overlay.source.refusal:
+                self._sources.open(overlay.source)
+        return {'overlay': '; '.join(filter(None, notes))}
+
+    def _set_boxes(self, topic: str, name: str) -> None:
+        drawn = self._boxes.get(topic)
+        if name == (drawn.source.key[0] if drawn else ''):
+            return
+        if drawn:
+            del self._boxes[topic]
+            drawn.frames.close()
+            self._sources.release(drawn.source, drawn.frames.look)
+        if name:
+            source = self._sources.boxes(name)
+            frames = MatchedFrames(source, partial(self._matched, topic),
+                                   partial(self._show_again, topic))
+            source.watchers.add(frames.look)
+            self._boxes[topic] = _Drawn(source, frames)
+        self._show_again(topic)
+
+    def _set_camera(self, topic: str, has_camera: bool) -> None:
+        if has_camera == (topic in self._cameras):
+            return
+        if not has_camera:
+            overlay = self._cameras.pop(topic)
+            self._sources.release(overlay.source, overlay.look)
+            return
+        overlay = CameraOverlay(
+            self._sources.camera(topic), topic, partial(self._size, topic), self._post)
+        overlay.source.watchers.add(overlay.look)
+        self._cameras[topic] = overlay
+        overlay.look()
+
+    def _size(self, topic: str) -> tuple[int, int] | None:
+        """Return width and height of the images of a topic; None before the first one."""
+        channel = self._channel_of(topic)
+        picture = channel.stream.last_picture if isinstance(
+            channel, (Channel, VideoChannel)) else None
+        return picture.source_size if picture else None
+
+    def _show_again(self, topic: str) -> None:
+        """Have the channel choose a frame again."""
+        channel = self._channel_of(topic)
+        if isinstance(channel, Channel):
+            channel.frame_arrived()
+
+    async def _matched(self, topic: str, frame: NewFrame) -> None:
+        """Send a frame whose boxes have arrived, or the boxes alone if the page has the frame."""
+        drawn = self._boxes.get(topic)
+        boxes = drawn and drawn.frames.boxes(frame)
+        if drawn and boxes and drawn.sent[0] == frame.number:
+            await self._write(_message(topic, drawn.sent[1], boxes.as_json()))
+        else:
+            self._show_again(topic)
+
+
+def _message(topic: str, picture: int, shown: list[Any]) -> _Message:
+    return {'boxes': {'topic': topic, 'picture': picture, 'list': shown}}

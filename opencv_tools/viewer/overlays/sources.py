@@ -1,0 +1,202 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Messages of overlays for all pages, from the executor to the loop of the server."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from opencv_tools.image.errors import CdrError
+from opencv_tools.image.text import printable
+from opencv_tools.viewer.calibrate.camera_info import info_topic
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
+from opencv_tools.viewer.executor_calls import ExecutorCalls
+from opencv_tools.viewer.overlays.boxes import (
+    Boxes, BoxHeader, DETECTIONS, MAX_BYTES, read_boxes, read_header)
+from opencv_tools.viewer.overlays.topics import CALIBRATION, OverlayKey, OverlayTopics
+
+# Time after the last page until the subscription ends, for a reload of the page.
+_UNUSED_SECONDS = 2.0
+# Messages that wait for a picture of the same stamp, and their bytes.
+_MAX_WAITING, _MAX_WAITING_BYTES = 64, 2 * MAX_BYTES
+_LOAD = 4  # part of the time, 1 / 4, that the messages of a topic may take
+_MAX_PAUSE = 1.0
+
+
+class Source:
+    """
+    Messages of a topic.
+
+    All methods run in the loop of the server.
+    """
+
+    def __init__(self, key: OverlayKey) -> None:
+        """Create a source without messages."""
+        self.key = key
+        #: Functions that are called after each message.
+        self.watchers: set[Callable[[], object]] = set()
+        #: Reason why the topic is not read; '' if it is.
+        self.refusal = ''
+        #: Reason why the newest message cannot be used; '' if it can.
+        self.problem = ''
+
+    def receive(self, messages: Sequence[Any]) -> None:
+        """Keep serialized messages."""
+        for message in messages:
+            try:
+                self._keep(memoryview(message))
+                self.problem = ''
+            except CdrError as err:
+                self.problem = printable(err, MAX_MESSAGE)
+        for watcher in tuple(self.watchers):
+            watcher()
+
+    def _keep(self, message: memoryview) -> None:
+        raise NotImplementedError
+
+
+class CameraSource(Source):
+    """The newest calibration of a camera."""
+
+    #: The message; b'' before the first one.
+    newest = b''
+
+    def _keep(self, message: memoryview) -> None:
+        self.newest = bytes(message)
+
+
+_T = TypeVar('_T', bound=Source)
+
+
+@dataclass(eq=False)
+class Detections:
+    """
+    A message with boxes.
+
+    :param header: its header.
+    :param data: its bytes.
+    :param boxes: its boxes; None if they were not read yet, or cannot be.
+    :param is_read: whether they were read.
+    """
+
+    header: BoxHeader
+    data: memoryview
+    boxes: Boxes | None = None
+    is_read: bool = False
+
+
+class BoxSource(Source):
+    """The newest messages with boxes, by their stamps."""
+
+    def __init__(self, key: OverlayKey) -> None:
+        """Create a source without messages."""
+        super().__init__(key)
+        #: The newest message; None before the first one.
+        self.newest: Detections | None = None
+        self._waiting: dict[int, Detections] = {}
+        self._reading = asyncio.Lock()
+        self._due = 0.0
+
+    def find(self, stamp_ns: int) -> Detections | None:
+        """Return the message with a stamp; None for no stamp, or no message."""
+        return self._waiting.get(stamp_ns) if stamp_ns else None
+
+    async def read(self, detections: Detections) -> None:
+        """Read the boxes of a message, once for all pages, in at most a quarter of the time."""
+        async with self._reading:
+            if detections.is_read:
+                return
+            loop = asyncio.get_running_loop()
+            await asyncio.sleep(self._due - loop.time())
+            begin = loop.time()
+            try:
+                detections.boxes = await asyncio.to_thread(read_boxes, detections.data)
+            except CdrError as err:
+                self.problem = printable(err, MAX_MESSAGE)
+            detections.is_read = True
+            elapsed = loop.time() - begin
+            self._due = begin + elapsed + min(_MAX_PAUSE, (_LOAD - 1) * elapsed)
+
+    def _keep(self, message: memoryview) -> None:
+        found = Detections(read_header(message), message)
+        self.newest = found
+        self._waiting.pop(found.header.stamp_ns, None)
+        self._waiting[found.header.stamp_ns] = found
+        while len(self._waiting) > _MAX_WAITING or sum(
+                len(one.data) for one in self._waiting.values()) > _MAX_WAITING_BYTES:
+            del self._waiting[next(iter(self._waiting))]
+
+
+class OverlaySources:
+    """
+    Read the topics that pages show, each of them once.
+
+    All methods run in the loop of the server.
+    """
+
+    def __init__(self, topics: OverlayTopics, calls: ExecutorCalls) -> None:
+        """
+        Create an object that reads nothing.
+
+        :param topics: topics of overlays, used in the executor.
+        :param calls: calls in the executor.
+        """
+        self._topics = topics
+        self._calls = calls
+        self._loop = asyncio.get_running_loop()
+        self._sources: dict[OverlayKey, Source] = {}
+
+    def boxes(self, name: str) -> BoxSource:
+        """Return the source of a topic with boxes; the caller adds a watcher."""
+        return self._acquire(BoxSource, (name, DETECTIONS))
+
+    def camera(self, image_topic: str) -> CameraSource:
+        """Return the source of the calibration of an image topic."""
+        return self._acquire(CameraSource, (info_topic(image_topic), CALIBRATION))
+
+    def release(self, source: Source, watcher: Callable[[], object]) -> None:
+        """Remove a watcher; unsubscribe two seconds after the last one."""
+        source.watchers.discard(watcher)
+        if not source.watchers:
+            self._loop.call_later(_UNUSED_SECONDS, self._close_unused, source)
+
+    def open(self, source: Source) -> None:  # noqa: A003
+        """Read a topic, or try it again after a refusal."""
+        def opened(outcome: RequestError | None) -> None:
+            self._in_loop(setattr, source, 'refusal', str(outcome or ''))
+
+        receive = partial(self._in_loop, source.receive)
+        self._calls.call(partial(self._topics.open, source.key, receive), opened)
+
+    def _acquire(self, kind: type[_T], key: OverlayKey) -> _T:
+        source = self._sources.get(key)
+        if not isinstance(source, kind):  # there is none, because the type of a key is fixed
+            source = self._sources[key] = kind(key)
+            self.open(source)
+        return source
+
+    def _close_unused(self, source: Source) -> None:
+        if not source.watchers and self._sources.get(source.key) is source:
+            del self._sources[source.key]
+            self._calls.call(partial(self._topics.close, source.key))
+
+    def _in_loop(self, call: Callable[..., object], *args: object) -> None:
+        """Call a function in the loop, from the executor."""
+        with suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(call, *args)
