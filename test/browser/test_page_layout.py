@@ -55,7 +55,7 @@ _BOXES = """
   while (walker.nextNode()) {
     const text = walker.currentNode;
     const parent = text.parentElement;
-    if (!text.data.trim() || parent.closest('script, noscript, template, option')) continue;
+    if (!text.data.trim() || parent.closest('script, noscript, template, option, svg')) continue;
     const range = document.createRange();
     range.selectNodeContents(text);
     const isCut = getComputedStyle(parent).overflow === 'hidden';

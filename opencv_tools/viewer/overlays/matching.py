@@ -91,22 +91,27 @@ class MatchedFrames:
         if (self._task is None or self._task.done()) and self._next():
             self._task = asyncio.ensure_future(self._read_all())
 
-    def describe(self) -> str:
-        """Return what is drawn, or why nothing is."""
+    def describe(self, number: int) -> str:
+        """
+        Return what is drawn over a picture, or why nothing is.
+
+        :param number: number of its frame.
+        """
         topic, source = printable(self._source.key[0]), self._source
         if source.refusal or source.problem:
             return source.refusal or f'a message of {topic} is left out: {source.problem}'
-        boxes = self._matched and self._hold_seconds() > 0 and self.boxes(self._matched)
-        if boxes:
-            return boxes.describe()
+        drawn = self._read.get(number)
+        if drawn and drawn.boxes:
+            return drawn.boxes.describe()
         if source.newest is None:
             return f'no message on {topic} yet'
         if not source.newest.header.stamp_ns:
             return f'the messages of {topic} have no stamp, which boxes need'
-        frame = next((one for one in reversed(self._frames) if source.find(one.stamp_ns)), None)
-        if frame:
-            frames = printable(source.newest.header.frame_id), printable(_frame_id(frame))
-            return f'{topic} has the frame_id {frames[0]}, but the pictures have {frames[1]}'
+        for frame in self._frames:
+            found = source.find(frame.stamp_ns)
+            if found and not _has_same_frame(frame, found):
+                names = printable(found.header.frame_id), printable(_frame_id(frame))
+                return f'{topic} has the frame_id {names[0]}, but the pictures have {names[1]}'
         return f'no message of {topic} has the stamp of a picture'
 
     def _clear(self) -> None:
@@ -131,8 +136,8 @@ class MatchedFrames:
         """Return the newest frame whose boxes have arrived and were not read."""
         for frame in reversed(self._frames):
             found = self._source.find(frame.stamp_ns)
-            if found and found is not self._read.get(frame.number) and _frame_id(frame) in (
-                    '', found.header.frame_id or _frame_id(frame)):
+            if found and found is not self._read.get(frame.number) and _has_same_frame(
+                    frame, found):
                 return frame, found
             if self._matched and frame.number <= self._matched.number:
                 break
@@ -157,3 +162,9 @@ class MatchedFrames:
 
 def _frame_id(frame: NewFrame) -> str:
     return frame.message.header.frame_id
+
+
+def _has_same_frame(frame: NewFrame, found: Detections) -> bool:
+    """Return whether boxes are those of the camera of a frame, as far as both say."""
+    names = {_frame_id(frame), found.header.frame_id} - {''}
+    return len(names) < 2

@@ -34,19 +34,17 @@ _MAX_NAME = 256
 _Message = dict[str, Any]
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Drawn:
     """
     Boxes over the pictures of a topic.
 
     :param source: messages with boxes.
     :param frames: frames of the pictures.
-    :param sent: numbers of the frame and of the picture that were sent last.
     """
 
     source: BoxSource
     frames: MatchedFrames
-    sent: tuple[int, int] = 0, 0
 
 
 class PageOverlays:
@@ -71,6 +69,8 @@ class PageOverlays:
         self._channel_of = channel_of
         self._write = write
         self._post = post
+        # Numbers of the frame and of the picture that were sent last, by topic.
+        self._sent: dict[str, tuple[int, int]] = {}
         self._boxes: dict[str, _Drawn] = {}
         self._cameras: dict[str, CameraOverlay] = {}
 
@@ -101,6 +101,7 @@ class PageOverlays:
         """Use no overlays of a topic any more."""
         self._set_boxes(topic, '')
         self._set_camera(topic, False)
+        self._sent.pop(topic, None)
 
     def close(self) -> None:
         """Use no overlays any more."""
@@ -113,12 +114,11 @@ class PageOverlays:
 
     def send(self, topic: str, frame: NewFrame, sequence: int) -> int:
         """Send the boxes of a picture, which follows, and return its sequence number."""
+        self._sent[topic] = frame.number, sequence
         drawn = self._boxes.get(topic)
-        if drawn:
-            drawn.sent = frame.number, sequence
-            boxes = drawn.frames.boxes(frame)
-            if boxes is not None:
-                self._post(_message(topic, sequence, boxes.as_json()))
+        boxes = drawn.frames.boxes(frame) if drawn else None
+        if boxes is not None:
+            self._post(_message(topic, sequence, boxes.as_json()))
         return sequence
 
     def status(self, topic: str) -> _Message:
@@ -127,7 +127,7 @@ class PageOverlays:
         drawn, camera = self._boxes.get(topic), self._cameras.get(topic)
         channel = self._channel_of(topic)
         if drawn:
-            notes.append(drawn.frames.describe() if isinstance(channel, Channel)
+            notes.append(drawn.frames.describe(self._sent.get(topic, (0, 0))[0]) if isinstance(channel, Channel)
                          else 'boxes need pictures, and this is video')
         if camera:
             camera.look()
@@ -182,9 +182,10 @@ class PageOverlays:
     async def _matched(self, topic: str, frame: NewFrame) -> None:
         """Send a frame whose boxes have arrived, or the boxes alone if the page has the frame."""
         drawn = self._boxes.get(topic)
-        boxes = drawn and drawn.frames.boxes(frame)
-        if drawn and boxes and drawn.sent[0] == frame.number:
-            await self._write(_message(topic, drawn.sent[1], boxes.as_json()))
+        boxes = drawn.frames.boxes(frame) if drawn else None
+        number, sequence = self._sent.get(topic, (0, 0))
+        if boxes is not None and number == frame.number:
+            await self._write(_message(topic, sequence, boxes.as_json()))
         else:
             self._show_again(topic)
 

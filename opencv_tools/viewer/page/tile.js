@@ -14,6 +14,7 @@
 
 import { History } from './history.js';
 import { Look } from './look.js';
+import { Overlay } from './overlay.js';
 import { age, number, size, rate, showName } from './text.js';
 import { Video } from './video.js';
 import { View } from './view.js';
@@ -65,6 +66,7 @@ export class Tile {
     if (!onLook) return;
     this.#history = new History(this.#part('.history'));
     this.look = new Look(this, (message) => connection.send(message), onPoint);
+    this.overlay = new Overlay(this);
     this.view.listen(onLook, (event) => this.look.use(event));
   }
 
@@ -93,6 +95,7 @@ export class Tile {
     this.#connected = {};
     this.#drawn.sequence = -1;
     this.look?.reset();
+    this.overlay?.reset();
     this.refusal = '';
     this.refusesVideo = false;
     this.#endVideo(false);
@@ -235,6 +238,7 @@ export class Tile {
         || (sent.passed_through ? 'unchanged' : `quality ${sent.quality}`),
       rate(sent.rate)].join(', ')],
       ['Zoom', hasPicture && `${Math.round(100 * this.view.scale * devicePixelRatio)} %`],
+      ['Overlay', status.overlay],
       ['Link', status.link && `${number(status.link)} Mbit/s`],
     ];
     this.#showFacts(facts.filter(([, text]) => text));

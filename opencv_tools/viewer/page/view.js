@@ -24,6 +24,7 @@ export class View {
   #frame;
   #canvas;
   #line; // in pixels of the image
+  onPlace = () => {}; // called when the picture has another place
   #onChange = () => {};
   #scale = 0; // pixels of the page for a pixel of the image; 0 fits the frame
   #center = [0, 0]; // pixel of the image in the middle of the frame
@@ -201,5 +202,6 @@ export class View {
     this.#line?.setAttribute('transform', this.matrix);
     this.#canvas.classList.toggle('enlarged', this.scale * devicePixelRatio > ENLARGED);
     this.#frame.classList.toggle('zoomed', Boolean(this.#scale));
+    this.onPlace();
   }
 }

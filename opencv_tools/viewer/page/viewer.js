@@ -18,6 +18,7 @@ import { Connection } from './connection.js';
 import { Controls } from './controls.js';
 import { arrange } from './grid.js';
 import { listenToKeys } from './keys.js';
+import { OverlayForm } from './overlay.js';
 import { RangeForm, readLimits } from './range.js';
 import { isRectified, rectifiedOf } from './rectified.js';
 import { Robot } from './robot.js';
@@ -75,6 +76,7 @@ const connection = new Connection({
   received(message) {
     if (message.topics) listTopics(message.topics);
     if (message.more !== undefined) countMore(message.more);
+    if (message.detections) overlays.list(message.detections);
     if (message.robot !== undefined) robot.setPublished(message.robot);
     for (const status of message.status ?? []) {
       const tile = tiles.get(status.name);
@@ -89,6 +91,9 @@ const connection = new Connection({
     for (const kind of ['pixel', 'profile', 'histogram']) {
       if (message[kind]) tiles.get(message[kind].topic)?.look.receive(kind, message[kind]);
     }
+    for (const kind of ['boxes', 'camera']) {
+      if (message[kind]) tiles.get(message[kind].topic)?.overlay.receive(kind, message[kind]);
+    }
     controls.receive(message);
   },
   frame(bytes) {
@@ -101,6 +106,7 @@ const connection = new Connection({
 });
 
 const range = new RangeForm(setRange);
+const overlays = new OverlayForm(layOut);
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
 
 const robot = new Robot(cameras, layOut);
@@ -211,13 +217,16 @@ function ask() {
   const [alone, other] = [shown(), beside()];
   for (const tile of tiles.values()) {
     const width = widths.find((step) => step >= tile.width) ?? 0;
-    const options = takesVideo(tile) ? { width, video: true } : { width, ...fixed };
     const looks = Boolean(alone) && [alone, other].includes(tile.name);
+    const { boxes } = overlays.request; // whose pictures may wait for them, unlike video
+    const options = takesVideo(tile) && !(looks && boxes) ? { width, video: true } : { width, ...fixed };
     if (looks) options.looks = true;
     const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
     if (held) options.held = true;
     const isSeen = tile.inView && !tile.element.hidden;
-    tile.ask(held || (isSeen && !isPaused && !document.hidden), options);
+    const isWanted = held || (isSeen && !isPaused && !document.hidden);
+    tile.ask(isWanted, options);
+    tile.overlay.show(looks ? overlays.chosen : {}, looks && isWanted ? overlays.request : null);
   }
 }
 
@@ -231,6 +240,7 @@ function select(name, isNew = true) {
   }
   // A tile without a topic is there only while it is selected.
   arrangement.keep();
+  overlays.keep();
   listTopics([...tiles.values()].map((tile) => tile.topic).filter(Boolean));
   scrollTo(0, 0);
   if (!name) tiles.get(last)?.link.focus();
@@ -355,6 +365,7 @@ function showPanel() {
   const tile = tiles.get(shown());
   range.show(tile?.status.range, tile?.range, tile?.colors, tile?.status.unit);
   tile?.look.ask();
+  overlays.show(Boolean(selected));
   part('chart').hidden = !tile?.look.chart;
   controls.show(tiles.get(selected)?.topic?.nodes ?? []);
 }
@@ -405,6 +416,7 @@ const LOOKS = {
   one: ({ view }) => view.zoom(1 / devicePixelRatio),
   profile: (tile) => tile.look.toggle('profile'),
   histogram: (tile) => tile.look.toggle('histogram'),
+  overlays: () => overlays.toggle(),
   turn: (tile) => arrangement.turn(tile.name),
   flip: (tile) => arrangement.turn(tile.name, true),
 };
