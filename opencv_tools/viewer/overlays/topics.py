@@ -15,7 +15,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -58,9 +59,7 @@ class OverlayTopics:
 
     def names(self, type_name: str) -> list[str]:
         """Return the published topics of a type, in alphabetical order."""
-        found = (name for name in image_topics(self._node, {type_name})
-                 if self._is_published(name, type_name))
-        return [name for _, name in zip(range(_MAX_NAMES), found)]
+        return [*islice(self._published(type_name), _MAX_NAMES)]
 
     def open(self, key: OverlayKey, receive: Receive) -> None:  # noqa: A003
         """
@@ -69,7 +68,7 @@ class OverlayTopics:
         :raises RequestError: there is no such topic, or the parameter ``topics`` forbids it.
         """
         name, type_name = key
-        if not self._is_published(name, type_name):
+        if name not in self._published(type_name):
             raise RequestError(f'{printable(name)} is not a published topic of {type_name}', 404)
         offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)
                   if info.topic_type == type_name]
@@ -104,7 +103,9 @@ class OverlayTopics:
         for key in tuple(self._open):
             self.close(key)
 
-    def _is_published(self, name: str, type_name: str) -> bool:
-        is_wanted = type_name == CALIBRATION or self._is_wanted(name)  # it belongs to a camera
-        return is_wanted and any(
-            info.topic_type == type_name for info in self._node.get_publishers_info_by_topic(name))
+    def _published(self, type_name: str) -> Iterator[str]:
+        for name in image_topics(self._node, {type_name}):
+            is_wanted = type_name == CALIBRATION or self._is_wanted(name)  # it is of a camera
+            if is_wanted and any(info.topic_type == type_name for info in
+                                 self._node.get_publishers_info_by_topic(name)):
+                yield name
