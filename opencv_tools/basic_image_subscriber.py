@@ -23,11 +23,11 @@ import time
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
 from opencv_tools.logs import log_if_slow
+from opencv_tools.nodes.bag_messages import BagMessages
 from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
-from opencv_tools.nodes.subscriber.bag_messages import BagMessages
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder

@@ -20,16 +20,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 import sys
 
-from opencv_tools.logs import Log
+from opencv_tools.logs import Log, log_if_slow
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, run
+from opencv_tools.recording.errors import RecordingError
 from opencv_tools.remedies import installation
 from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.parameters import PARAMETERS, ViewerSettings
+from opencv_tools.viewer.recording.page_recorder import PageRecorder
 
 
 class ImageViewer(ClosableNode):
@@ -40,6 +42,7 @@ class ImageViewer(ClosableNode):
         Start the server; it subscribes when somebody looks.
 
         :raises ParameterError: the value of a parameter is invalid.
+        :raises RecordingError: the folder of recordings cannot be used.
         :raises ViewerError: the server cannot start.
         """
         super().__init__('image_viewer', automatically_declare_parameters_from_overrides=True)
@@ -51,12 +54,15 @@ class ImageViewer(ClosableNode):
             raise ViewerError('img_viewer needs Tornado; '
                               f'{installation("tornado", "python3-tornado")}') from err
         settings = declare_settings(self, ViewerSettings)
-        log = Log(self.get_logger())
+        log = self._log = Log(self.get_logger())
+        calls = ExecutorCalls(self, log)
+        self._recorder = PageRecorder(
+            self, settings.record_dir, settings.transport, calls, log,
+        ) if settings.record_dir else None
         self._graph = Graph(self, settings.patterns, settings.transport, log,
-                            Control(self) if settings.control else None)
+                            Control(self, self._recorder) if settings.control else None)
         self._server = ViewerServer(
-            settings, self.get_fully_qualified_name(), self._graph, ExecutorCalls(self, log),
-            log, self._fail)
+            settings, self.get_fully_qualified_name(), self._graph, calls, log, self._fail)
         warn_unknown_parameters(self, PARAMETERS, log)
         url, *others = self._server.urls
         invitation = ', or '.join([f'Open {url} in a browser', *others])
@@ -69,12 +75,25 @@ class ImageViewer(ClosableNode):
             log.info('The certificate was created by this node. Browsers warn of it; its SHA-256 '
                      f'is {self._server.fingerprint}')
 
+    def hurry(self) -> None:
+        """
+        Leave the frames that wait to be recorded.
+
+        :raises KeyboardInterrupt: nothing is being recorded.
+        """
+        if not (self._recorder and self._recorder.abandon()):
+            super().hurry()
+
     def close(self) -> int:
         """
-        Close all pages and unsubscribe.
+        Finish the recording, close all pages and unsubscribe.
 
         :returns: the exit status.
         """
+        if self._recorder:
+            with log_if_slow(
+                    self._log, 'Writing the received frames; Ctrl-C ends without them'):
+                self._recorder.close()
         self._server.close()
         self._graph.close_all()
         self.get_logger().info('Closed all pages')
@@ -95,7 +114,7 @@ def main(args: Sequence[str] | None = None) -> int:
         name='img_viewer', node='image_viewer', settings=ViewerSettings,
         description='Show image topics in a browser.',
         example='-p address:=0.0.0.0 -p port:=8080')
-    return run(executable, lambda _: ImageViewer(), args, failures=(ViewerError,))
+    return run(executable, lambda _: ImageViewer(), args, failures=(RecordingError, ViewerError))
 
 
 if __name__ == '__main__':

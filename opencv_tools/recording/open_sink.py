@@ -20,7 +20,7 @@ from collections.abc import Callable
 import errno
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, cast
 
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.open_bag import BAG_SUFFIXES
@@ -81,6 +81,19 @@ def check_limits(suffix: str, limits: Limits) -> None:
     if (limits.split_bytes or limits.split_seconds) and suffix in IMAGE_FORMATS:
         raise ValueError(f'a {suffix} file has one frame and cannot be split; remove split_bytes '
                          'and split_duration')
+
+
+def open_bag_sink(path: Path, name: str) -> BagSink:
+    """
+    Create the sink of one bag, whose messages are written as they are.
+
+    :param path: output folder, created if it does not exist.
+    :param name: name of the bag without its extension; it gets a number if the bag exists.
+    :raises RecordingError: the folder cannot be used, or the library mcap is not installed.
+    """
+    names = FileNames(f'{name}{BAG_SUFFIX}')
+    return cast(BagSink, open_sink(
+        path, names, EncoderSettings(BAG_SUFFIX), 'continue', Limits(), sync=False))
 
 
 def open_sink(

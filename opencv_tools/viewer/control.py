@@ -25,6 +25,7 @@ from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.viewer.errors import NoAnswerError, RequestError
 from opencv_tools.viewer.parameter_json import (
     encodable, parameter_json, value_from_json, value_json)
+from opencv_tools.viewer.recording.page_recorder import PageRecorder
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import (
     DescribeParameters, GetParameters, ListParameters, SetParameters)
@@ -57,10 +58,15 @@ class Control:
     Only nodes that publish images, or that have ``~/save``, are called.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Create an object without clients."""
+    def __init__(self, node: Node, recorder: PageRecorder | None = None) -> None:
+        """
+        Create an object without clients.
+
+        :param recorder: recorder of this node, if it has a folder.
+        """
         #: Node of the clients.
         self.node = node
+        self.recorder = recorder
         self._group = ReentrantCallbackGroup()
         self._clients: dict[str, tuple[Client, float]] = {}
         self._cameras: dict[str, bool] = {}
@@ -197,6 +203,17 @@ class Control:
             client = self.node.create_client(service_type, name, callback_group=self._group)
             self._clients[name] = client, time.monotonic() + _DISCOVERY_SECONDS
         return self._clients[name]
+
+
+def recorder_of(control: Control) -> PageRecorder:
+    """
+    Return the recorder of this node.
+
+    :raises RequestError: it has no folder for recordings.
+    """
+    if control.recorder is None:
+        raise RequestError('this node does not record: start it with record_dir:=FOLDER', 403)
+    return control.recorder
 
 
 def _only(answers: Sequence[Any], camera: str) -> Any:

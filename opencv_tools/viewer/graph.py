@@ -126,6 +126,7 @@ class GraphState:
         control.
     :param robot: publishers of the robot.
     :param detections: names of the topics with boxes.
+    :param recording: account of the recording of the pages; None if they cannot record.
     """
 
     topics: dict[str, ViewTopic] = field(default_factory=dict)
@@ -134,13 +135,15 @@ class GraphState:
     nodes: dict[str, list[str]] = field(default_factory=dict)
     robot: RobotState = field(default_factory=RobotState)
     detections: list[str] = field(default_factory=list)
+    recording: dict[str, Any] | None = None
 
     def lists(self) -> dict[str, Any]:
         """Return what a page lists, by the name of the message."""
         return {'topics': [topic.as_json() for topic in self.topics.values()],
                 'more': self.more, 'robot': self.robot.publishers[0] > 0,
                 'detections': self.detections,
-                **({'nodes': self.nodes} if self.nodes else {})}
+                **({'nodes': self.nodes} if self.nodes else {}),
+                **({'recording': self.recording} if self.recording else {})}
 
     def describe_unknown(self, name: str) -> str:
         """Return the sentence about a name that is not an image topic."""
@@ -219,8 +222,11 @@ class Graph:
                  for key, (feed, subscription) in self._open.items()}
         nodes = (self.control.nodes(node for topic in topics.values() for node in topic.nodes)
                  if self.control else {})
+        recorder = self.control and self.control.recorder
+        recording = recorder.state(
+            (topic.number, name) for name, topic in topics.items()) if recorder else None
         return GraphState(topics, more, feeds, nodes, self.robot.state(),
-                          self.overlays.names(DETECTIONS))
+                          self.overlays.names(DETECTIONS), recording)
 
     def _topics(self) -> tuple[dict[str, ViewTopic], int]:
         """Return the topics of the list and those that somebody looks at; count the others."""

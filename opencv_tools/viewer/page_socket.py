@@ -27,7 +27,7 @@ import time
 from typing import Any
 
 from opencv_tools.viewer.channel import Channel
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import Control, recorder_of
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import (
@@ -51,6 +51,8 @@ _CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Mes
         node, message.get('name'), message.get('value')),
     'capture': lambda control, node, message: control.capture(node, message.get('on')),
     'save': lambda control, node, _: control.save(node),
+    'keep': lambda control, wanted, _: recorder_of(control).keep(wanted),
+    'record': lambda control, wanted, _: recorder_of(control).request(wanted),
 }
 
 

@@ -77,6 +77,9 @@ class ViewerSettings(NodeSettings):
     control: bool = parameter(
         False, 'Whether a page can change the parameters of cameras, pause them and save frames; '
         'a token is always needed')
+    record_dir: str = parameter(
+        '', 'Folder of the bags that a page with control records, created if it does not exist; '
+        'empty for no recordings')
 
     def __post_init__(self) -> None:
         """
@@ -88,6 +91,10 @@ class ViewerSettings(NodeSettings):
             raise ParameterError(
                 "control is true and token is '': set token to auto or to a secret text, because "
                 'everybody could change the cameras')
+        if self.record_dir and not self.control:
+            raise ParameterError(
+                f'record_dir is {self.record_dir!r}, but control is false: set control to true, '
+                'because only pages with control record')
         if self.token_file and self.token != AUTOMATIC:
             raise ParameterError(
                 f'token_file is {self.token_file!r}, but token is set as well: set only one')

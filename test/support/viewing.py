@@ -215,12 +215,12 @@ class Camera:
     """A publisher of numbered images; the stamp of an image is its number in seconds."""
 
     def __init__(self, node: Node, topic: str, *, latched: bool = False,
-                 compressed: bool = False) -> None:
+                 compressed: bool = False, depth: int = 10) -> None:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         self._node = node
         self.publisher: Publisher = node.create_publisher(
             CompressedImage if compressed else Image, topic,
-            QoSProfile(depth=10, durability=durability))
+            QoSProfile(depth=depth, durability=durability))
         self.number = 0
 
     def publish(self, image: np.ndarray, encoding: str = 'bgr8') -> None:

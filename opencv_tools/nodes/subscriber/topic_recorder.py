@@ -27,7 +27,7 @@ from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
-from opencv_tools.nodes.subscriber.bag_messages import offered_qos
+from opencv_tools.nodes.bag_messages import offered_qos
 from opencv_tools.nodes.subscriber.left_out_topics import LeftOutTopics
 from opencv_tools.nodes.subscriber.message_batches import MessageBatches
 from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic

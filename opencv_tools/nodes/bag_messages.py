@@ -77,23 +77,12 @@ class BagMessages:
         :param received: raw or compressed image message, or message with video.
         :param topic: topic of the message, after remapping.
         """
-        message = received.message
-        if isinstance(message, WireCompressedImage):
-            type_name, encoding = COMPRESSED_IMAGE, message.format
-        elif isinstance(message, WireVideo):
-            type_name, encoding = message.type_name, message.encoding
-        else:
-            type_name, encoding = IMAGE, message.encoding
+        type_name = type_of(received)
+        if type_name == IMAGE:
             topic = self._topic_of_images(topic)
-        header = message.header
         self._follow_camera_info(camera_info_topic(topic))
-        return MessageFrame(
-            metadata=FrameMetadata(
-                header.stamp_ns, header.frame_id, encoding, topic),
-            receive_ns=received.receive_ns,
-            arrival_ns=self._arrivals.arrival_ns(received.receive_ns),
-            message=message, channel=self._channel(topic, type_name),
-            publish_ns=received.publish_ns, number=received.number)
+        return frame_of(received, self._channel(topic, type_name),
+                        self._arrivals.arrival_ns(received.receive_ns))
 
     def close(self) -> None:
         """Pass on the messages of camera_info that have arrived, and unsubscribe."""
@@ -146,16 +135,52 @@ class BagMessages:
     def _channel(self, topic: str, type_name: str) -> BagChannel:
         """Return a topic as a bag describes it, with the publishers at its first message."""
         if (topic, type_name) not in self._channels:
-            offers = self._offers(topic, type_name)
-            hashes = {str(offer.topic_type_hash) for offer in offers} - {'INVALID'}
-            self._channels[topic, type_name] = BagChannel(
-                topic=topic, type_name=type_name, qos=offered_qos_text(map(offered_qos, offers)),
-                type_hash=min(hashes, default=''))
+            self._channels[topic, type_name] = bag_channel(
+                topic, type_name, self._offers(topic, type_name))
         return self._channels[topic, type_name]
 
     def _offers(self, topic: str, type_name: str) -> list[TopicEndpointInfo]:
-        return [info for info in self._node.get_publishers_info_by_topic(topic)
-                if info.topic_type == type_name][:_MAX_PUBLISHERS]
+        return offers_of(self._node, topic, type_name)
+
+
+def type_of(received: ReceivedMessage) -> str:
+    """Return the type of a message."""
+    message = received.message
+    if isinstance(message, WireVideo):
+        return message.type_name
+    return COMPRESSED_IMAGE if isinstance(message, WireCompressedImage) else IMAGE
+
+
+def frame_of(
+    received: ReceivedMessage, channel: BagChannel, arrival_ns: int = 0,
+) -> MessageFrame:
+    """
+    Return a message as a frame, without a check of its content.
+
+    :param channel: topic of the message.
+    :param arrival_ns: time of reception in nanoseconds of CLOCK_MONOTONIC.
+    """
+    message = received.message
+    header = message.header
+    encoding = message.format if isinstance(message, WireCompressedImage) else message.encoding
+    return MessageFrame(
+        metadata=FrameMetadata(header.stamp_ns, header.frame_id, encoding, channel.topic),
+        receive_ns=received.receive_ns, arrival_ns=arrival_ns, message=message, channel=channel,
+        publish_ns=received.publish_ns, number=received.number)
+
+
+def offers_of(node: Node, topic: str, type_name: str) -> list[TopicEndpointInfo]:
+    """Return the publishers of a topic that have a type."""
+    return [info for info in node.get_publishers_info_by_topic(topic)
+            if info.topic_type == type_name][:_MAX_PUBLISHERS]
+
+
+def bag_channel(topic: str, type_name: str, offers: list[TopicEndpointInfo]) -> BagChannel:
+    """Return a topic as a bag describes it, given its publishers."""
+    hashes = {str(offer.topic_type_hash) for offer in offers} - {'INVALID'}
+    return BagChannel(
+        topic=topic, type_name=type_name, qos=offered_qos_text(map(offered_qos, offers)),
+        type_hash=min(hashes, default=''))
 
 
 def _qos(offers: list[TopicEndpointInfo]) -> QoSProfile:

@@ -1,0 +1,173 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+
+"""A recording of image topics in a bag, until a page or the disk ends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from threading import Lock
+import time
+from typing import Any
+
+from opencv_tools.image.text import enumerated, printable
+from opencv_tools.logs import Log
+from opencv_tools.recording.bag_file import RecordedMessage
+from opencv_tools.recording.disk_reserve import SinkWithReserve
+from opencv_tools.recording.errors import Unwritten
+from opencv_tools.recording.message_frame import MessageFrame
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.viewer.recording.images import RecordedImages
+from rclpy.node import Node
+
+# Frames that wait for the disk, and their bytes. A frame that finds no room is dropped.
+_MAX_FRAMES, _MAX_BYTES = 64, 256 << 20
+_SILENT_SECONDS = 3.0
+
+
+class BagRecording:
+    """Record the frames of topics in one bag. Nothing waits for the disk but a thread."""
+
+    def __init__(self, sink: SinkWithReserve, log: Log,
+                 on_full: Callable[[], object] = lambda: None) -> None:
+        """
+        Begin without topics.
+
+        :param sink: sink of the bag.
+        :param on_full: called in the thread when the disk has too little space.
+        """
+        self.began = time.monotonic()
+        self.since = time.time()
+        self._sink = sink
+        self._log = log
+        self._recorder: Recorder[Any] = Recorder(
+            sink, log, _MAX_FRAMES, writers=1, on_full=on_full)
+        self._topics: dict[str, RecordedImages] = {}
+        self._info_topics: dict[str, str] = {}  # image topic beside each camera_info
+        self._lock = Lock()  # of what follows
+        self._waiting = self._dropped = self._written_bytes = 0
+        self._path: Path | None = None
+        self._problem = ''
+        self._finishing = Lock()
+        self._seconds = -1.0  # after the end
+        self._unprocessed = 0
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the topics."""
+        return [*self._topics]
+
+    @property
+    def path(self) -> Path | None:
+        """Bag with the newest frame; None before the first one."""
+        return self._path
+
+    def receive(self, node: Node, transport: str, names: Sequence[str]) -> None:
+        """
+        Begin to receive topics, in the executor.
+
+        :param transport: transport as the pages receive it.
+        :param names: names of the topics.
+        :raises ParameterError: a topic cannot be subscribed to; none is received then.
+        """
+        try:
+            for name in names:
+                self._topics[name] = RecordedImages(
+                    node, transport, self._log, name, self.put, partial(self._add_info, name))
+        except Exception:
+            self.stop()
+            raise
+
+    def put(self, frame: MessageFrame) -> bool:
+        """
+        Record a frame, unless too much waits for the disk; thread-safe.
+
+        :returns: whether no frame was dropped.
+        """
+        size = memoryview(frame.message.data).nbytes
+        with self._lock:
+            has_room = not self._waiting or self._waiting + size <= _MAX_BYTES
+            if has_room:
+                self._waiting += size
+            else:
+                self._dropped += 1
+        if has_room:
+            return self._recorder.put(frame, partial(self._done, size))
+        self._log.warning(
+            f'{self._dropped} frames dropped: they arrive faster than they are written, and '
+            f'{_MAX_BYTES >> 20} MB wait for the disk', every=1.0, key='dropped by size')
+        return False
+
+    def stop(self) -> None:
+        """Receive nothing any more, in the executor or after it."""
+        if self._seconds < 0:
+            self._seconds = time.monotonic() - self.began
+            for topic in self._topics.values():
+                self._unprocessed += topic.close(lambda: self._recorder.has_room)
+
+    def finish(self) -> None:
+        """Write the waiting frames, and finish the bag; may take long, on any thread."""
+        with self._finishing:
+            self._recorder.close()
+
+    def abandon(self) -> None:
+        """Leave the frames that wait; a handler of signals may call this."""
+        self._recorder.abandon()
+
+    def account(self) -> dict[str, Any]:
+        """Return what has become of the frames, for a page."""
+        counts, topics = self._recorder.counts, self._topics.values()
+        seconds = time.monotonic() - self.began if self._seconds < 0 else self._seconds
+        return {
+            'topics': self.names, 'since': self.since, 'seconds': round(seconds, 1),
+            'frames': counts.written,
+            'dropped': counts.dropped + self._dropped + self._unprocessed
+            + self._recorder.abandoned,
+            'lost': sum(topic.lost for topic in topics),
+            'failed': counts.failed + sum(topic.unreadable for topic in topics),
+            'bytes': self._written_bytes, 'left': self._sink.left,
+            'name': self._path.name if self._path else '', 'problem': self._describe_problem()}
+
+    def _describe_problem(self) -> str:
+        """Return what the user should know, as a sentence; '' for nothing."""
+        if self._sink.refusal or self._problem:
+            return self._sink.refusal or self._problem
+        if self._recorder.counts.failed and self._sink.counts.reason:
+            return (f'{self._recorder.counts.failed} frames are not written: '
+                    f'{printable(self._sink.counts.reason)}')
+        now = time.monotonic()
+        silent = [name for name, topic in self._topics.items()
+                  if now - topic.heard_at > _SILENT_SECONDS]
+        if not silent or self._seconds >= 0:
+            return ''
+        shown = enumerated([*map(printable, silent)])
+        return f'no frames of {shown}: {self._topics[silent[0]].explain_no_frames()}'
+
+    def _add_info(self, name: str, message: RecordedMessage) -> None:
+        """Record a camera_info once, which is beside several topics of one camera."""
+        if self._info_topics.setdefault(message.channel.topic, name) == name:
+            self._sink.add_message(message)
+
+    def _done(self, size: int, outcome: Path | Unwritten) -> None:
+        """Count what has become of a frame; called on any thread."""
+        with self._lock:
+            self._waiting -= size
+            if not isinstance(outcome, Unwritten):
+                self._written_bytes += size
+                self._path, self._problem = outcome, ''
+            elif outcome.kind == 'failed':
+                self._problem = f'a frame was not written: {printable(outcome)}'
