@@ -20,6 +20,7 @@ import { arrange } from './grid.js';
 import { listenToKeys } from './keys.js';
 import { OverlayForm } from './overlay.js';
 import { RangeForm, readLimits } from './range.js';
+import { Recording } from './record.js';
 import { isRectified, rectifiedOf } from './rectified.js';
 import { Robot } from './robot.js';
 import { savePicture } from './save.js';
@@ -65,6 +66,7 @@ const connection = new Connection({
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
     controls.enable(control);
+    recording.enable();
     notify('');
     layOut();
   },
@@ -95,6 +97,7 @@ const connection = new Connection({
       if (message[kind]) tiles.get(message[kind].topic)?.overlay.receive(kind, message[kind]);
     }
     controls.receive(message);
+    recording.receive(message);
   },
   frame(bytes) {
     const { id, isVideo } = readTopic(bytes);
@@ -108,6 +111,12 @@ const connection = new Connection({
 const range = new RangeForm(setRange);
 const overlays = new OverlayForm(layOut);
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
+
+const recording = new Recording((message) => connection.send(message),
+  () => shownTiles().map((tile) => tile.topic?.id).filter(Boolean), (sentence) => {
+    if (sentence) notify(sentence);
+    layOut();
+  });
 
 const robot = new Robot(cameras, layOut);
 
@@ -312,7 +321,8 @@ function layOut() {
   document.body.dataset.view = selected ? 'one' : 'all';
   const title = selected || (host ? `Cameras of ${host}` : 'Cameras');
   showName(part('title'), title);
-  document.title = selected && host ? `${selected} – ${host}` : title;
+  document.title = (recording.isOn ? '● ' : '')
+    + (selected && host ? `${selected} – ${host}` : title);
   part('pause').ariaPressed = isPaused;
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
@@ -449,6 +459,7 @@ const ALL_KEYS = {
   ArrowDown: () => moveFocus(across()),
   p: () => rearrange('pin', focused()),
   h: () => rearrange('hide', focused()),
+  c: () => pressOf('c')?.(),
 };
 
 /** Return the press of the button of a key, for the picture that is shown alone. */

@@ -1,0 +1,82 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+import { age, number } from './text.js';
+
+const part = (id) => document.getElementById(id);
+
+/** Return bytes as text. */
+function amount(bytes) {
+  return bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`;
+}
+
+/** Return the account of a recording as text. */
+function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left, name }) {
+  return [`${topics.length} ${topics.length > 1 ? 'topics' : 'topic'}`, age(seconds),
+    `${frames} frames`, `${lost} lost`, `${dropped} dropped`, failed && `${failed} failed`,
+    amount(bytes), left !== null && `${amount(left)} left`, name].filter(Boolean).join(', ');
+}
+
+/** The buttons that record, and the account of the recording, which all pages show. */
+export class Recording {
+  #state = { phase: '' };
+  #isSeen = false; // by this page, so that the account stays after the end
+
+  /**
+   * Begin without buttons, until the node says that it records.
+   *
+   * @param send sends a message to the server.
+   * @param topics returns the numbers of the topics that are shown.
+   * @param onChange called with a sentence after a request, and with '' at another change.
+   */
+  constructor(send, topics, onChange) {
+    this.onChange = onChange;
+    part('record').addEventListener('click', () => {
+      send({ record: this.#state.phase === '' && topics() });
+    });
+    part('keep').addEventListener('click', () => send({ keep: topics() }));
+  }
+
+  get isOn() {
+    return this.#state.phase !== '';
+  }
+
+  /** Begin a connection to a node that may not record. */
+  enable() {
+    this.#show({ phase: '' });
+    part('record').hidden = part('keep').hidden = true;
+  }
+
+  /** Handle a message of the server that concerns recordings. */
+  receive({ recording, record, keep }) {
+    if (recording) this.#show(recording);
+    const isBegun = record?.ok && this.isOn; // as the account says
+    const done = isBegun ? null : record ?? keep;
+    if (done) this.onChange(done.message);
+  }
+
+  #show(state) {
+    const wasOn = this.isOn;
+    this.#state = state;
+    this.#isSeen ||= this.isOn;
+    const verb = this.isOn ? 'Recording' : 'Recorded';
+    part('record').hidden = part('keep').hidden = false;
+    part('record').ariaPressed = this.isOn;
+    part('record').querySelector('span').textContent = this.isOn ? 'Stop' : 'Record';
+    part('recording').hidden = !this.#isSeen || !state.topics;
+    if (state.topics) part('recording').textContent = `${verb} ${describe(state)}`;
+    part('recording').append(state.problem ? `: ${state.problem}` : '');
+    if (wasOn !== this.isOn) this.onChange('');
+  }
+}
