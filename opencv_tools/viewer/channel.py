@@ -27,6 +27,7 @@ from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.link_rate import LinkRate, MAX_WINDOW
 from opencv_tools.viewer.protocol import finite, step_width, ViewOptions
+from opencv_tools.viewer.shown_frame import ShownFrame
 from opencv_tools.viewer.stream import Stream
 
 # A frame may be sent before it is due by this part of the period, because frames have a jitter.
@@ -60,7 +61,8 @@ class Channel:
         self._newest = newest
         self._loop = asyncio.get_running_loop()
         self._unanswered: dict[int, tuple[float, int, NewFrame | None]] = {}
-        self._shown: tuple[int, NewFrame | None] = 0, None  # the frame that the page shows
+        #: The frame that the page shows.
+        self.shown = ShownFrame()
         self._sent = RateMeter(self._loop.time)
         self._last: tuple[Picture, int] | None = None
         self._last_number = 0
@@ -89,13 +91,14 @@ class Channel:
     def close(self) -> None:
         """Send nothing any more."""
         self._is_closed = True
+        self.shown.close()
         self.stream.watchers.discard(self.frame_arrived)
         if self._timer:
             self._timer.cancel()
 
     def frame_arrived(self) -> None:
         """Send the newest frame, unless the page is busy or the frame is not due."""
-        frame = self._shown[1] if self.options.held else self._newest(self.stream.feed)
+        frame = self.shown.held if self.options.held else self._newest(self.stream.feed)
         window = self._link.window if self._link and not self.options.held else 1
         if (frame is None or frame.number == self._number or self._is_encoding
                 or self._is_closed or self._timer or len(self._unanswered) >= window):
@@ -116,8 +119,7 @@ class Channel:
         if sequence not in self._unanswered:
             return False
         sent_at, size, frame = self._unanswered.pop(sequence)
-        if sequence > self._shown[0]:
-            self._shown = sequence, frame
+        self.shown.drawn(sequence, frame)
         now = self._loop.time()
         if self._link:
             period = max(1 / self.options.rate, 1 / (self.stream.feed.rate or 1000))
@@ -127,8 +129,7 @@ class Channel:
 
     def frame_of(self, sequence: int) -> NewFrame | None:
         """Return the frame of the picture that the page shows; None for another picture."""
-        shown, frame = self._shown
-        return frame if shown == sequence else None
+        return self.shown.of(sequence)
 
     def status(self) -> dict[str, Any]:
         """Return the state of this channel for its page."""
@@ -168,7 +169,9 @@ class Channel:
     def _encoded(self, frame: NewFrame, future: asyncio.Future[Picture | str]) -> None:
         self._is_encoding = False
         outcome = future.result()
-        if isinstance(outcome, Picture) and not self._is_closed:
+        if isinstance(outcome, str):
+            self.shown.failed(frame, outcome)
+        elif not self._is_closed:
             self._send_picture(frame, outcome)
         self.frame_arrived()
 

@@ -79,6 +79,8 @@ class Feed:
         self.broken = 0
         #: Reason why the newest message cannot be read, or why there is no subscription; '' else.
         self.error = ''
+        #: Keeps a message, and returns it; in the executor.
+        self.keep: Callable[[ReceivedMessage], ReceivedMessage] = lambda received: received
         self._clock = clock
         self._silent_at: float | None = None  # of the first look at a silent feed
         self._numbers = itertools.count(1)
@@ -95,6 +97,7 @@ class Feed:
     def put(self, received: ReceivedMessage) -> None:
         """Replace the newest frame."""
         self.restarts.add(received.publisher, received.stamp_ns)
+        received = self.keep(received)
         self.newest = NewFrame(next(self._numbers), received.image, received.receive_ns)
         self.error = ''
         self.arrived()

@@ -32,15 +32,15 @@ from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.graph import (
     FeedKey, Graph, GraphState, NO_STATE, open_again, ViewTopic)
+from opencv_tools.viewer.history import History
 from opencv_tools.viewer.packets import PacketFeed, PACKETS
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewOptions
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.steps import Steps
+from opencv_tools.viewer.stream import Stream, UNUSED_SECONDS
 from opencv_tools.viewer.video_source import VideoSource
 
 _T = TypeVar('_T')
-# Time after the last viewer until the subscription ends, for a reload of the page.
-UNUSED_SECONDS = 2.0
 _POLL_SECONDS = 1.0
 _GOING_AWAY = 1001  # status of WebSockets
 _CLOSE_SECONDS = 1.0
@@ -78,6 +78,8 @@ class Hub:
         self.settings = settings
         self.viewers: set[Viewer] = set()
         self.state = GraphState()
+        self.history = History(settings.history_bytes)
+        self.steps = partial(Steps, self.history)
         self._graph = graph
         self._calls = calls
         self._pool = pool
@@ -143,13 +145,13 @@ class Hub:
         """
         topic = await self._find(name)
         transport = topic.transport(self.settings.transport, original=original, video=video)
-        is_encoded = transport != PACKETS or slow
         key = name, 'video' if slow and transport == PACKETS else transport
         stream = self._streams.get(key)
         if stream is None:
             stream = self._streams[key] = Stream(
                 topic.number, key, self._loop, self._pool, self._log,
-                Feed if is_encoded else PacketFeed)
+                PacketFeed if transport == PACKETS and not slow else Feed)
+            stream.feed.keep = partial(self.history.add, key)
             self._calls.call(partial(self._graph.open, key, stream.feed), stream.feed.opened)
         if video and (key, slow) not in self._videos and (
                 transport == PACKETS or self.settings.video == 'always'):
@@ -201,8 +203,7 @@ class Hub:
         :returns: the answer for the page.
         :raises RequestError: control is off, or the node does not answer.
         """
-        control = self._graph.control
-        if control is None:
+        if (control := self._graph.control) is None:
             raise RequestError('control is off: start the node with control:=true', 403)
         answered: asyncio.Future[dict[str, Any]] = self._loop.create_future()
         self._calls.start(choose(control), partial(self._in_loop, _set_result, answered))
@@ -224,8 +225,7 @@ class Hub:
         topics: list[dict[str, Any]] = self.lists()['topics']
         for topic in topics:
             for transport in (self.settings.transport, PACKETS):
-                stream = self._streams.get((topic['name'], transport))
-                if stream:
+                if stream := self._streams.get((topic['name'], transport)):
                     topic |= {'status': self.status(stream), 'viewers': self._users[stream.key]
                               + topic.get('viewers', 0)}
         return topics

@@ -72,6 +72,7 @@ class PageSocket(SocketHandler):
         self._looks = Looks(lambda name: self._channels.get(name), self._write)
         self._overlays = self.site.overlays(
             lambda name: self._channels.get(name), self._write, self._post)
+        self._steps = self.site.hub.steps(self._channels, self._write)
         self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
@@ -90,6 +91,7 @@ class PageSocket(SocketHandler):
         if hasattr(self, '_looks'):
             self._looks.close()
             self._overlays.close()
+            self._steps.close()
         for task in tuple(getattr(self, '_tasks', ())):
             task.cancel()
 
@@ -138,13 +140,16 @@ class PageSocket(SocketHandler):
             if isinstance(channel, VideoChannel):
                 channel.request_key()
         elif 'subscribe' in message:
-            return await self._subscribe(
-                topic_of(message['subscribe']), parse_options(message))
+            name = topic_of(message['subscribe'])
+            answer = await self._subscribe(name, parse_options(message))
+            self._steps.follow(name)
+            return answer
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
             self._overlays.forget(topic_of(message['unsubscribe']))
             self._links.pop(message['unsubscribe'], None)
-        elif not self._looks.ask(message) and not self._overlays.ask(message):
+        elif not any(asked.ask(message) for asked in (
+                self._looks, self._overlays, self._steps)):
             self._start_control(message)
         return None
 
@@ -250,6 +255,7 @@ class PageSocket(SocketHandler):
             channel.close()
             if not channel.options.held:
                 self.site.hub.release(channel.stream)
+            self._steps.follow(name)
 
     def _send(self, pack: Callable[[int], bytes]) -> int:
         """Send the picture that is packed with a sequence number, and return this number."""

@@ -63,6 +63,9 @@ class ViewerSettings(NodeSettings):
         'and always encodes images too', choices=('auto', 'never', 'always'))
     viewers: int = parameter(
         32, 'Maximum number of open pages and streams', bounds=(1, 1000))
+    history_bytes: int = parameter(
+        2**28, 'Bytes of the messages of the last 10 s that the node keeps of the topics that '
+        'pages show alone, for all pages together; 0 keeps none', bounds=(0, 2**40))
     allowed_hosts: str = parameter(
         '', 'Names of this machine in a browser beside its own, separated by commas')
     allowed_origins: str = parameter(

@@ -34,6 +34,9 @@ _T = TypeVar('_T')
 
 # Time after the last question about pixels until they are forgotten.
 _PIXELS_SECONDS = 2.0
+#: Time after the last viewer until the subscription ends, for a reload of the page.
+UNUSED_SECONDS = 2.0
+
 # Pictures of a frame that are kept for other pages; a page may request any region.
 _MAX_PICTURES = 16
 
@@ -175,9 +178,11 @@ class Stream:
         """
         Record the outcome of an encoding.
 
-        :param number: number of the frame.
+        :param number: number of the frame; negative for one that a page has stepped to.
         :param outcome: the picture, or the reason why there is none.
         """
+        if number < 0:
+            return
         if isinstance(outcome, Picture):
             if number < self._newest_number:
                 return  # a page holds this frame, and looks into it

@@ -24,6 +24,7 @@ import { Recording } from './record.js';
 import { isRectified, rectifiedOf } from './rectified.js';
 import { Robot } from './robot.js';
 import { savePicture } from './save.js';
+import { Steps } from './step.js';
 import { showName } from './text.js';
 import { Tile } from './tile.js';
 import { decodedCodecs, explainJpeg, readTopic } from './video.js';
@@ -65,6 +66,7 @@ const connection = new Connection({
     if (codecs.length) connection.send({ codecs });
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
+    steps.reset();
     controls.enable(control);
     recording.enable();
     notify('');
@@ -96,6 +98,7 @@ const connection = new Connection({
     for (const kind of ['boxes', 'camera']) {
       if (message[kind]) tiles.get(message[kind].topic)?.overlay.receive(kind, message[kind]);
     }
+    if (message.step) steps.receive(message.step);
     controls.receive(message);
     recording.receive(message);
   },
@@ -117,6 +120,7 @@ const recording = new Recording((message) => connection.send(message),
     if (sentence) notify(sentence);
     layOut();
   });
+const steps = new Steps((message) => connection.send(message));
 
 const robot = new Robot(cameras, layOut);
 
@@ -327,6 +331,7 @@ function layOut() {
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
   robot.show(!selected, isPaused);
+  steps.show(isPaused);
   part('calibrate').hidden = !control || !selected || isRectified(selected);
   part('calibrate').href = `/calibrate?topic=${encodeURIComponent(selected)}`;
   const alone = shown();
@@ -418,6 +423,10 @@ function fillScreen() {
   else tiles.get(shown())?.link.requestFullscreen?.();
 }
 
+/** Return what shows another frame of a picture, and of that beside it. */
+const stepBy = (count) => ({ name }) => steps.by(
+  count, name, name === shown() ? beside() : shown());
+
 // What each button does to look into a picture.
 const LOOKS = {
   in: ({ view }) => view.zoom(view.scale * ZOOM),
@@ -429,6 +438,8 @@ const LOOKS = {
   overlays: () => overlays.toggle(),
   turn: (tile) => arrangement.turn(tile.name),
   flip: (tile) => arrangement.turn(tile.name, true),
+  earlier: stepBy(-1),
+  later: stepBy(1),
 };
 
 /** Look into a picture in another way. */

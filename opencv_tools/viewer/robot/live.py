@@ -25,11 +25,12 @@ from typing import Any, Protocol
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.hub import Hub, UNUSED_SECONDS
+from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.robot.descriptions import Descriptions
 from opencv_tools.viewer.robot.positions import Positions
 from opencv_tools.viewer.robot.topics import (
     DESCRIPTION, Inbox, missing_publishers, MOTION, RobotTopics, STATES, TRANSFORMS)
+from opencv_tools.viewer.stream import UNUSED_SECONDS
 
 _PERIOD = 1 / 30  # between two looks at the messages in seconds
 _LOAD = 4  # part of the time, 1 / 4, that untrusted messages may take

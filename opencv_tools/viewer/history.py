@@ -1,0 +1,244 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The last frames of the topics that pages show alone, within a number of bytes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+import itertools
+import sys
+from threading import Lock
+import time
+
+import numpy as np
+from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.stream import UNUSED_SECONDS
+
+#: Time before the newest frame of a topic from which its frames are kept.
+KEPT_SECONDS = 10.0
+# Frames of the node, because small ones need more memory than their bytes.
+_MAX_FRAMES = 10_000
+
+# Name and transport of a subscription.
+_Key = tuple[str, str]
+
+
+@dataclass(eq=False, kw_only=True)
+class KeptFrame:
+    """
+    A frame that can be shown again.
+
+    :param frame: the frame for a channel. Its number is negative, below all numbers of a feed.
+    :param received: the message as it was received.
+    :param size: bytes of the message.
+    :param arrived: time of arrival in seconds of the monotonic clock.
+    :param holds: number of paused pages that may show it.
+    """
+
+    frame: NewFrame
+    received: ReceivedMessage
+    size: int
+    arrived: float
+    holds: int = 0
+
+    @property
+    def number(self) -> int:
+        """Return the number among the frames of the node, in the order of their arrival."""
+        return -self.frame.number
+
+
+@dataclass(frozen=True)
+class Hold:
+    """
+    The frames that a page may show while it is paused.
+
+    :param key: topic and transport.
+    :param numbers: numbers of the frames.
+    """
+
+    key: _Key
+    numbers: tuple[int, ...]
+
+
+@dataclass
+class _Topic:
+    """
+    Frames of a topic.
+
+    :param frames: frames by their number, oldest first.
+    :param watchers: number of pages that look at live pictures.
+    :param too_large: bytes of the newest message if it is larger than all that may be kept.
+    """
+
+    frames: dict[int, KeptFrame] = field(default_factory=dict)
+    watchers: int = 0
+    too_large: int = 0
+
+
+class History:
+    """
+    Keep the frames of the topics that somebody watches.
+
+    The executor calls ``add``; all other methods run in the loop of the server.
+    """
+
+    def __init__(self, limit: int) -> None:
+        """
+        Create an empty history.
+
+        :param limit: maximum number of bytes of all messages; 0 to keep none.
+        """
+        self.limit = limit
+        #: Bytes of all messages that are kept.
+        self.size = 0
+        self._loop = asyncio.get_running_loop()
+        self._lock = Lock()
+        self._topics: dict[_Key, _Topic] = {}
+        self._numbers = itertools.count(1)
+
+    def frames(self, name: str) -> list[ReceivedMessage]:
+        """Return the messages of a topic that are kept, oldest first; empty if nobody looks."""
+        with self._lock:
+            kept = [one for (topic, _), found in self._topics.items() if topic == name
+                    for one in found.frames.values()]
+        return [one.received for one in sorted(kept, key=lambda one: one.number)]
+
+    def add(self, key: _Key, received: ReceivedMessage) -> ReceivedMessage:
+        """
+        Keep a frame if somebody watches its topic.
+
+        :param key: topic and transport.
+        :param received: the message.
+        :returns: the message, whose data are a copy if they were in the memory of a publisher.
+        """
+        topic = self._topics.get(key)
+        if topic is None or not topic.watchers:
+            return received
+        size = message_size(received.image)
+        topic.too_large = size if size > self.limit else 0
+        if topic.too_large:
+            return received
+        received = _owned(received)
+        with self._lock:
+            if self._topics.get(key) is topic:  # nobody has left meanwhile
+                kept = KeptFrame(
+                    frame=NewFrame(-next(self._numbers), received.image, received.receive_ns),
+                    received=received, size=size, arrived=time.monotonic())
+                self._make_room(topic, kept)
+                topic.frames[kept.number] = kept
+                self.size += kept.size
+        return received
+
+    def watch(self, key: _Key) -> None:
+        """Keep the frames of a topic from now on."""
+        if self.limit:
+            with self._lock:
+                self._topics.setdefault(key, _Topic()).watchers += 1
+
+    def unwatch(self, key: _Key) -> None:
+        """Keep no further frames for a caller of ``watch``, and forget them two seconds later."""
+        if self.limit:
+            self._topics[key].watchers -= 1
+            self._loop.call_later(UNUSED_SECONDS, self._drop_unused, key)
+
+    def hold(self, key: _Key) -> Hold:
+        """Keep the present frames of a topic until ``release``, within the limit."""
+        with self._lock:
+            frames = [*self._topics[key].frames.values()] if key in self._topics else []
+            for kept in frames:
+                kept.holds += 1
+        return Hold(key, tuple(kept.number for kept in frames))
+
+    def release(self, hold: Hold) -> None:
+        """End a hold."""
+        for kept in self.held(hold):
+            kept.holds -= 1
+        self._loop.call_later(UNUSED_SECONDS, self._drop_unused, hold.key)
+
+    def held(self, hold: Hold) -> list[KeptFrame]:
+        """Return the frames of a hold that the limit has left, oldest first."""
+        with self._lock:
+            frames = self._topics[hold.key].frames if hold.key in self._topics else {}
+            return [frames[number] for number in hold.numbers if number in frames]
+
+    def explain(self, hold: Hold) -> str:
+        """Return why a hold has lost frames, or has never had any, as the end of a sentence."""
+        topic = self._topics.get(hold.key, _Topic())
+        if not self.limit:
+            return 'history_bytes is 0'
+        if hold.numbers:
+            return f'others needed the {self.limit} bytes of history_bytes'
+        if topic.too_large:
+            return f'a frame has {topic.too_large} bytes, and history_bytes is {self.limit}'
+        return 'none has come while the page showed the topic alone'
+
+    def _make_room(self, topic: _Topic, new: KeptFrame) -> None:
+        """Forget old frames of a topic, then the oldest ones of all topics."""
+        for kept in [*_expired(topic, new.arrived - KEPT_SECONDS)]:
+            self._forget(topic, kept)
+        while (self.size + new.size > self.limit
+               or sum(len(one.frames) for one in self._topics.values()) >= _MAX_FRAMES):
+            oldest = min((one for one in self._topics.values() if one.frames),
+                         key=lambda one: next(iter(one.frames)))
+            self._forget(oldest, next(iter(oldest.frames.values())))
+
+    def _forget(self, topic: _Topic, kept: KeptFrame) -> None:
+        del topic.frames[kept.number]
+        self.size -= kept.size
+
+    def _drop_unused(self, key: _Key) -> None:
+        """Forget the frames of a topic that no page can show."""
+        with self._lock:
+            topic = self._topics.get(key)
+            if topic is None or topic.watchers:
+                return
+            for kept in [*topic.frames.values()]:
+                if not kept.holds:
+                    self._forget(topic, kept)
+            if not topic.frames:
+                del self._topics[key]
+
+
+def message_size(message: WireMessage) -> int:
+    """Return the bytes that a message keeps in memory: those of its data and of its texts."""
+    text = message.format if isinstance(message, WireCompressedImage) else message.encoding
+    data = memoryview(message.data)
+    # The data of a message may be a part of the buffer that it arrived in.
+    whole = memoryview(data.obj).nbytes
+    return max(whole, data.nbytes) + sys.getsizeof(text) + sys.getsizeof(message.header.frame_id)
+
+
+def _expired(topic: _Topic, since: float) -> Iterator[KeptFrame]:
+    """Yield the frames that are too old, unless a paused page may show them."""
+    for kept in topic.frames.values():
+        if kept.arrived >= since:
+            return
+        if not kept.holds:
+            yield kept
+
+
+def _owned(received: ReceivedMessage) -> ReceivedMessage:
+    """Return a message whose data are not in the shared memory of its publisher."""
+    image = received.image
+    # Only the data of shared frames are arrays, and a copy of them is a view of nothing.
+    if not isinstance(image.data, np.ndarray) or image.data.base is None:
+        return received
+    data = image.data.copy()
+    data.flags.writeable = False
+    return replace(received, message=replace(image, data=data))

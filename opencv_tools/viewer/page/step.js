@@ -1,0 +1,78 @@
+// Copyright 2026 opencv_tools maintainers
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+/** Steps through the frames that the node has kept, while the page is paused. */
+export class Steps {
+  #send;
+  #waits = false; // for the answer, which comes when the picture is drawn
+  #next = null; // step that was asked for meanwhile
+  #isRepeated = false; // whether a key is held
+
+  /**
+   * Begin without steps.
+   *
+   * @param send sends a message to the server.
+   */
+  constructor(send) {
+    this.#send = send;
+    for (const kind of ['keydown', 'keyup']) {
+      addEventListener(kind, ({ repeat }) => { this.#isRepeated = repeat; }, true);
+    }
+  }
+
+  /** Show the buttons of a paused page. */
+  show(isPaused) {
+    for (const element of document.querySelectorAll('.step')) {
+      if (!isPaused && element.matches('output')) element.textContent = '';
+      element.hidden = !isPaused;
+    }
+  }
+
+  /**
+   * Step, unless a key is held and the picture before has not come.
+   *
+   * @param by number of frames, negative for earlier ones.
+   * @param step name of the topic.
+   * @param beside name of the other topic; '' for none.
+   */
+  by(by, step, beside) {
+    if (this.#waits && this.#isRepeated) return;
+    const { step: last, by: before } = this.#next ?? {};
+    this.#next = { step, by: last === step ? before + by : by, beside };
+    this.#ask();
+  }
+
+  #ask() {
+    if (this.#waits || !this.#next) return;
+    this.#send(this.#next);
+    this.#waits = true;
+    this.#next = null;
+  }
+
+  /** Show the answer of the server. */
+  receive({ topic, text, error }) {
+    for (const output of document.querySelectorAll('output.step:not([hidden])')) {
+      const isStepped = output.closest('.tile').dataset.topic === topic;
+      output.textContent = isStepped ? error ?? text : '';
+    }
+    this.#waits = false;
+    this.#ask();
+  }
+
+  /** Forget the steps of an earlier connection. */
+  reset() {
+    this.#waits = false;
+    this.#next = null;
+  }
+}

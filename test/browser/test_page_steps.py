@@ -1,0 +1,395 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+"""Steps through the frames that the node has kept, by keys, buttons and touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import json
+from typing import Any
+
+from chromium import Browser, Page
+import cv2
+import numpy as np
+from opencv_tools.frames import FramePublisher
+from pages import Camera, numbered_frame, Viewer
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import Header
+from test_page_layout import check_all
+from test_page_look import move, place_of, VALUE
+from test_page_video import VideoCamera
+
+pytest_plugins = ['pages']
+
+TOPIC, OTHER = '/front', '/rear'
+SIZE = 320, 240
+BASE = 1_700_000_000  # seconds of the first stamp
+TENTH = 10**8  # nanoseconds between two frames
+TEXT = f'tileOf({TOPIC!r}).querySelector("output.step").textContent'
+PATCH = 40, 220  # a pixel in the field that has values of its own in each frame
+#: Place and size of the picture.
+FRAME = ('(({left, top, width, height}) => [left, top, width, height].map(Math.round).join())('
+         f'tileOf({TOPIC!r}).querySelector(".frame").getBoundingClientRect())')
+SETTLED = 'new Promise((done) => setTimeout(done, 1200))'  # the tiles have their size
+STATE = 'document.getElementById("state").textContent'
+
+
+def values_of(number: int) -> list[int]:
+    """Return the blue, green and red values of a field of a frame."""
+    return [5 * number % 256, 9 * number % 256, 255 - 7 * number % 256]
+
+
+def frame(number: int, width: int = SIZE[0], height: int = SIZE[1]) -> np.ndarray:
+    """Return a numbered frame, one field of which has the values of the number."""
+    image = numbered_frame(number, width, height)
+    image[height * 4 // 5:, :width // 4] = values_of(number)
+    return image
+
+
+def stamp_of(number: int) -> int:
+    """Return the stamp of a frame in nanoseconds."""
+    return BASE * 10**9 + number * TENTH
+
+
+@dataclass
+class RawCamera(Camera):
+    """A camera with raw images by an image topic."""
+
+    def send(self, number: int, **size: int) -> None:
+        self.publish_image(frame(number, **size), 'bgr8', stamp_of(number))
+
+
+class JpegCamera(Camera):
+    """A camera with JPEGs."""
+
+    def __post_init__(self) -> None:
+        self.publisher = self.node.create_publisher(
+            CompressedImage, f'{self.topic}/compressed', self.qos)
+
+    def send(self, number: int) -> None:
+        content = cv2.imencode('.jpg', frame(number), [cv2.IMWRITE_JPEG_QUALITY, 98])[1]
+        message = CompressedImage(format='jpeg', data=content.tobytes())
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_of(number), 10**9)
+        self.publisher.publish(message)
+
+
+class SharedCamera(Camera):
+    """A camera whose frames stay in shared memory."""
+
+    def __post_init__(self) -> None:
+        self.frames = FramePublisher(self.node, self.topic)
+        self.publisher = self.frames._topics.images
+
+    @property
+    def is_shared(self) -> bool:
+        """Return whether the viewer has left the image topic, as it gets all frames here."""
+        return self.frames.has_subscribers and not self.publisher.get_subscription_count()
+
+    def is_watched(self) -> bool:
+        return self.frames.has_subscribers
+
+    def send(self, number: int) -> None:
+        header = Header(frame_id='camera')
+        header.stamp.sec, header.stamp.nanosec = divmod(stamp_of(number), 10**9)
+        self.frames.publish(frame(number), header, encoding='bgr8')
+
+
+def show_all(page: Page, camera: Any, first: int, last: int) -> None:
+    """Publish frames one by one, each after the page has drawn the one before."""
+    camera.wait_for_viewer()
+    for number in range(first, last + 1):
+        camera.send(number)
+        page.wait_for(f'numberOf({camera.topic!r}) === {number}')
+
+
+def open_alone(viewer: Viewer, browser: Browser, search: str = '') -> Page:
+    """Open the page with one topic."""
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}{search}')
+    page.wait_for(f'{STATE} === "Live"')
+    return page
+
+
+def pause(page: Page) -> None:
+    page.press(' ')
+    page.wait_for('sent.some((message) => message.held)')
+
+
+def middle_of(page: Page, way: str, topic: str = TOPIC) -> dict[str, float]:
+    """Return the middle of a button of a tile."""
+    x, y = page.evaluate(
+        '(({left, top, width, height}) => [left + width / 2, top + height / 2])('
+        f'tileOf({topic!r}).querySelector("[data-look={way}]").getBoundingClientRect())')
+    return {'x': x, 'y': y}
+
+
+def click(page: Page, way: str, topic: str = TOPIC) -> None:
+    """Click a button with the mouse."""
+    place = middle_of(page, way, topic)
+    for kind in ('mousePressed', 'mouseReleased'):
+        page.call('Input.dispatchMouseEvent', type=kind, button='left', clickCount=1, **place)
+
+
+def touch(page: Page, way: str) -> None:
+    """Touch a button."""
+    page.call('Input.dispatchTouchEvent', type='touchStart', touchPoints=[middle_of(page, way)])
+    page.call('Input.dispatchTouchEvent', type='touchEnd', touchPoints=[])
+
+
+def check(page: Page, number: int, text: str) -> None:
+    """Check that the page shows a frame: its picture, the value of its pixel, and its place."""
+    page.wait_for(f'numberOf({TOPIC!r}) === {number}')
+    page.wait_for(f'{TEXT} === {json.dumps(text)}')
+    shown = page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), 0.125, 0.9)')
+    assert np.abs(np.array(shown[::-1]) - values_of(number)).max() < 12
+    move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
+    blue, green, red = json.loads(page.wait_for(
+        f'(() => {{ const found = /^40, 220: B ([0-9]+), G ([0-9]+), R ([0-9]+)$/.exec({VALUE}); '
+        f'return found && Math.abs(found[1] - {values_of(number)[0]}) < 5 '
+        '&& JSON.stringify(found.slice(1).map(Number)); })()'))
+    assert np.abs(np.array([blue, green, red]) - values_of(number)).max() < 5
+
+
+@pytest.mark.parametrize('kind', [RawCamera, JpegCamera])
+def test_steps_by_keys(kind: type, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = kind(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    show_all(page, source, 1, 12)
+    pause(page)
+    for number in (13, 14):
+        source.send(number)  # while the page is paused
+    for _ in range(5):
+        page.press(',')
+    check(page, 7, 'frame 7 of 12, 0.5 s before')
+    for _ in range(2):
+        page.press('.')
+    check(page, 9, 'frame 9 of 12, 0.3 s before')
+    for _ in range(10):
+        page.press(',')
+    check(page, 1, 'frame 1 of 12, 1.1 s before, the first one')
+    for _ in range(20):
+        page.press('.')
+    check(page, 12, 'frame 12 of 12, 0.0 s before, the last one')
+    page.press(' ')
+    source.wait_for_viewer()
+    show_all(page, source, 20, 22)  # live again
+    assert page.evaluate(TEXT) == ''
+    check_all(page)
+    assert page.complaints() == []
+
+
+def test_frames_of_shared_memory(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    source = SharedCamera(camera, TOPIC)
+    page = open_alone(start_viewer(transport='raw'), browser)
+    last = 0
+    while not source.is_shared:
+        last += 1
+        show_all(page, source, last, last)
+    show_all(page, source, last + 1, last + 12)
+    last += 12
+    pause(page)
+    for _ in range(11):
+        page.press(',')
+    check(page, last - 11, f'frame {last - 11} of {last}, 1.1 s before')
+    source.send(last + 1)
+    for _ in range(7):
+        page.press('.')
+    check(page, last - 4, f'frame {last - 4} of {last}, 0.4 s before')
+    page.press(' ')
+    show_all(page, source, last + 2, last + 6)
+    assert source.is_shared
+    assert page.complaints() == []
+
+
+@pytest.mark.parametrize('size', [(1280, 800), (1920, 1080), (390, 844)])
+def test_steps_by_buttons(
+        size: tuple[int, int], viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    page.resize(*size)
+    is_phone = size[0] < 600
+    if is_phone:
+        page.call('Emulation.setTouchEmulationEnabled', enabled=True, maxTouchPoints=2)
+    assert page.evaluate(f'tileOf({TOPIC!r}).querySelector("[data-look=later]").hidden')
+    show_all(page, source, 1, 12)
+    page.evaluate(SETTLED)
+    before = page.evaluate(FRAME)
+    pause(page)
+    page.evaluate(SETTLED)
+    for way, count in (('earlier', 5), ('later', 2)):
+        for _ in range(count):
+            (touch if is_phone else click)(page, way)
+    check(page, 9, 'frame 9 of 12, 0.3 s before')
+    page.wait_for(f'{FRAME} === {before!r}')  # the picture keeps its place
+    import pathlib; page.screenshot(pathlib.Path(f'/tmp/hist/steps_{size[0]}.png'))
+    check_all(page)
+    if is_phone:
+        return
+    for scheme in ('dark', 'light'):
+        page.prefer(scheme)
+        check_all(page)
+
+
+def test_held_key_shows_each_frame(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    show_all(page, source, 1, 20)
+    pause(page)
+    page.evaluate('drawn.length = 0')
+    for repeats in range(60):
+        page.call('Input.dispatchKeyEvent', type='keyDown', key=',', text=',',
+                  windowsVirtualKeyCode=ord(','), autoRepeat=repeats > 0)
+        page.evaluate('new Promise((done) => setTimeout(done, 30))')
+        if page.evaluate(f'numberOf({TOPIC!r})') <= 8:
+            break
+    page.call('Input.dispatchKeyEvent', type='keyUp', key=',', windowsVirtualKeyCode=ord(','))
+    page.wait_for(f'numberOf({TOPIC!r}) <= 8')
+    shown = page.evaluate('drawn.map((one) => one.number)')
+    assert shown == [*range(19, shown[-1] - 1, -1)]  # without a gap
+
+
+def test_zoom_while_stepped(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    source.wait_for_viewer()
+    sides = {'width': 1280, 'height': 960}
+    for number in range(1, 7):
+        source.send(number, **sides)
+        page.wait_for(f'numberOf({TOPIC!r}) === {number}')
+    pause(page)
+    for _ in range(3):
+        page.press(',')
+    page.wait_for(f'numberOf({TOPIC!r}) === 3')
+    place = place_of(page, 100.5, 900.5, (1280, 960))
+    for _ in range(6):
+        page.call('Input.dispatchMouseEvent', type='mouseWheel', deltaX=0, deltaY=-200, **place)
+    region = json.loads(page.wait_for(
+        '(({ region }) => region && region[2] < 400 && JSON.stringify(region))'
+        '(sent.filter((one) => one.subscribe).at(-1))'))
+    assert region[0] <= 100 < region[0] + region[2] and region[1] <= 900
+
+    def check_region(number: int) -> None:
+        canvas = f'tileOf({TOPIC!r}).querySelector("canvas")'
+        values = values_of(number)
+        text = f'100, 900: B {values[0]}, G {values[1]}, R {values[2]}'
+        page.wait_for(f'{VALUE} === {text!r}')
+        page.wait_for(f'{canvas}.width < 600 && ((shown) => {values[::-1]}.every((one, place) => '
+                      f'Math.abs(one - shown[place]) < 12))(pixel({canvas}, 0.1, 0.5))')
+
+    move(page, place)
+    check_region(3)
+    page.press('.')
+    check_region(4)
+    page.press(',')
+    page.press(',')
+    check_region(2)
+    page.press('h')
+    page.wait_for('document.querySelector("#chart .hint").textContent.includes("over-exposed")')
+    page.press('0')
+    page.wait_for(f'numberOf({TOPIC!r}) === 2')
+    assert page.complaints() == []
+
+
+def test_topic_beside_shows_the_nearest_stamp(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, rear = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)
+    page = open_alone(viewer, browser, f'&beside={OTHER}')
+    for source in (front, rear):
+        source.wait_for_viewer()
+    for number in range(1, 13):
+        front.send(number)
+        page.wait_for(f'numberOf({TOPIC!r}) === {number}')
+        if number % 3 == 0:  # a third of the rate, and a stamp that is a bit later
+            rear.publish_image(frame(number), 'bgr8', stamp_of(number) + TENTH // 4)
+            page.wait_for(f'numberOf({OTHER!r}) === {number}')
+    page.press(' ')
+    page.wait_for('new Set(sent.filter((one) => one.held).map((one) => one.subscribe)).size === 2')
+    for number, beside in ((11, 12), (10, 9), (9, 9), (8, 9), (7, 6), (6, 6)):
+        page.press(',')
+        page.wait_for(f'numberOf({TOPIC!r}) === {number} && numberOf({OTHER!r}) === {beside}')
+    click(page, 'earlier', OTHER)
+    page.wait_for(f'numberOf({OTHER!r}) === 3 && numberOf({TOPIC!r}) === 3')
+    text = f'tileOf({OTHER!r}).querySelector("output.step").textContent'
+    page.wait_for(f'{text} === "frame 1 of 4, 0.9 s before, the first one"')
+    assert page.evaluate(TEXT) == ''  # only one place is announced
+    check_all(page)
+
+
+def test_steps_over_the_restart_of_a_publisher(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    first = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    show_all(page, first, 1, 4)
+    camera.destroy_publisher(first.publisher)
+    second = RawCamera(camera, TOPIC)
+    show_all(page, second, 5, 7)
+    pause(page)
+    for number in (6, 5, 4, 3):
+        page.press(',')
+        check(page, number, f'frame {number} of 7, {(7 - number) / 10} s before')
+    camera.destroy_publisher(second.publisher)
+    page.press('.')
+    check(page, 4, 'frame 4 of 7, 0.3 s before')
+
+
+def test_limits(start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    size = SIZE[0] * SIZE[1] * 3
+    source, other = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)
+    viewer = start_viewer(history_bytes=4 * size + 4000)
+    page = open_alone(viewer, browser)
+    show_all(page, source, 1, 9)
+    pause(page)
+    for _ in range(6):
+        page.press(',')
+    check(page, 6, 'frame 1 of 4, 0.3 s before, the first one')
+    page.press('.')
+    check(page, 7, 'frame 2 of 4, 0.2 s before')
+    busy = browser.new_page(f'{viewer.url}?topic={OTHER}')
+    show_all(busy, other, 1, 3)
+    gone = f'others needed the {4 * size + 4000} bytes of history_bytes'
+    page.press(',')
+    check(page, 9, f'frame 1 of 1, 0.0 s before, earlier ones are gone: {gone}')
+    show_all(busy, other, 4, 5)
+    page.press(',')
+    page.wait_for(f'{TEXT} === "the node has kept no frame: {gone}"')
+    check_all(page)
+
+
+@pytest.mark.parametrize(('limit', 'reason'), [
+    (0, 'history_bytes is 0'),
+    (1000, r'a frame has 2304[0-9]+ bytes, and history_bytes is 1000')])
+def test_frames_that_are_not_kept(
+        limit: int, reason: str, start_viewer: Callable[..., Viewer], browser: Browser,
+        camera: Node) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(start_viewer(history_bytes=limit), browser)
+    show_all(page, source, 1, 3)
+    pause(page)
+    page.press(',')
+    page.wait_for(f'/^the node has kept no frame: {reason}$/.test({TEXT})')
+    assert page.evaluate(f'numberOf({TOPIC!r})') == 3
+
+
+def test_video_is_not_stepped(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    video = VideoCamera(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    video.show(page, 0)
+    page.press(' ')
+    page.wait_for(f'{STATE} === "Paused"')
+    page.press(',')
+    page.wait_for(f'{TEXT}.endsWith("video cannot be stepped")')
+    assert page.complaints() == []
