@@ -219,26 +219,20 @@ def test_second_bag_of_a_second(start: Start, node: Node, tmp_path: Path) -> Non
     assert viewer.is_running() and 'Traceback' not in viewer.output
 
 
-@pytest.mark.parametrize(('wanted', 'sentence'), [
-    ([], 'there is no topic to record'), ('/image', 'there is no topic to record'),
-    (None, 'there is no topic to record'), (True, 'there is no topic to record'),
-    (['/image'], '/image is not the number of a topic'),
-    (['../../etc/passwd'], '../../etc/passwd is not the number of a topic'),
-    ([-1], '-1 is not the number of a topic'), ([True], 'True is not the number of a topic'),
-    ([1e300], '1e+300 is not the number of a topic'),
-    ([[1]], '[1] is not the number of a topic'), ([{}], '{} is not the number of a topic'),
-    ([1] * 65, '65 topics are too many: a recording has 64 at most; hide others'),
-    (False, 'nothing is being recorded')])
-def test_requests_that_are_refused(
-        start: Start, node: Node, tmp_path: Path, wanted: Any, sentence: str) -> None:
+def test_requests_that_are_refused(start: Start, node: Node, tmp_path: Path) -> None:
     viewer = start('img_viewer', port=0, control='true', record_dir=tmp_path / 'bags')
     Camera(node, '/image')
 
     async def act() -> None:
         recording = await Recording.connect(viewer)
         await recording.numbers('/image')
-        answer = await recording.ask(wanted)
-        assert (answer['ok'], answer['message']) == (False, sentence)
+        for wanted, sentence in (
+                ([], 'there is no topic to record'),
+                (['../../etc/passwd'], '../../etc/passwd is not the number of a topic'),
+                ([1e300], '1e+300 is not the number of a topic'),
+                (False, 'nothing is being recorded')):
+            answer = await recording.ask(wanted)
+            assert (answer['ok'], answer['message']) == (False, sentence)
 
     run_page(act())
     assert recorded_files(tmp_path / 'bags') == []

@@ -55,7 +55,7 @@ export class Recording {
   /** Begin a connection to a node that may not record. */
   enable() {
     this.#show({ phase: '' });
-    part('record').hidden = part('keep').hidden = true;
+    part('record').hidden = true;
   }
 
   /** Handle a message of the server that concerns recordings. */
@@ -71,7 +71,8 @@ export class Recording {
     this.#state = state;
     this.#isSeen ||= this.isOn;
     const verb = this.isOn ? 'Recording' : 'Recorded';
-    part('record').hidden = part('keep').hidden = false;
+    part('record').hidden = false;
+    part('keep').hidden = !state.keeps;
     part('record').ariaPressed = this.isOn;
     part('record').querySelector('span').textContent = this.isOn ? 'Stop' : 'Record';
     part('recording').hidden = !this.#isSeen || !state.topics;

@@ -85,8 +85,8 @@ class PageRecorder:
         self._recording: BagRecording | None = None  # the last one is kept for its account
         self._next_start_at = 0.0
         self._is_saving = False
-        #: Returns the frames of a topic that are in memory, oldest first; thread-safe.
-        self.frames_of: FramesOf = lambda _: ()
+        #: Returns the frames of a topic that are in memory, oldest first; None without a memory.
+        self.frames_of: FramesOf | None = None
 
     def state(self, topics: Iterable[tuple[int, str]]) -> dict[str, Any]:
         """
@@ -120,6 +120,8 @@ class PageRecorder:
         :raises RequestError: the request is invalid, or the folder cannot be used.
         """
         names = names_of(wanted, self._names)
+        if self.frames_of is None:
+            raise RequestError('this node keeps no frames in memory')
         if self._is_saving:
             raise RequestError('frames are being written: wait')
         frames = bag_frames(self._node, {name: self.frames_of(name) for name in names})
@@ -222,7 +224,8 @@ class PageRecorder:
 
     def _account(self) -> dict[str, Any]:
         recording = self._recording if self._phase != 'starting' else None
-        return {'phase': self._phase, **(recording.account() if recording else {})}
+        return {'phase': self._phase, 'keeps': self.frames_of is not None,
+                **(recording.account() if recording else {})}
 
 
 def _count(number: int, noun: str) -> str:
