@@ -79,15 +79,18 @@ _TOO_WIDE = """
 """
 
 _COLORS = """
-[...document.querySelectorAll('h1, h2, p, dt, dd, button, a.button, label, kbd, code, output')]
-  .filter((element) => element.offsetWidth > 0 && element.textContent.trim() && !element.disabled)
+[...document.querySelectorAll('h1, h2, p, dt, dd, button, a.button, label, kbd, code, output, '
+  + 'figcaption, input:not([type=checkbox], [type=range]), select, summary')]
+  .filter((element) => element.offsetWidth > 0 && !element.disabled
+    && (element.value || element.textContent).trim())
   .map((element) => {
     let around = element;
     while (getComputedStyle(around).backgroundColor === 'rgba(0, 0, 0, 0)') {
       around = around.parentElement;
     }
     const numbers = (text) => text.match(/[0-9.]+/g).slice(0, 3).map(Number);
-    return [element.textContent.trim().slice(0, 40), numbers(getComputedStyle(element).color),
+    return [(element.value || element.textContent).trim().slice(0, 40),
+            numbers(getComputedStyle(element).color),
             numbers(getComputedStyle(around).backgroundColor)];
   })
 """

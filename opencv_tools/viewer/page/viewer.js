@@ -32,6 +32,7 @@ import { decodedCodecs, explainJpeg, readTopic } from './video.js';
 const REFRESH_MS = 500;
 const NOTICE_MS = 8000;
 const SETTLE_MS = 100;
+const SAY_MS = 5000;
 const ZOOM = 1.5; // of a press of a button
 const STALLED_SECONDS = 2; // two pings without an answer
 
@@ -53,6 +54,7 @@ let isExplained = false;
 let mood = 'lost';
 let isPaused = false;
 let noticeTimer = 0;
+let said = {}; // to screen readers
 
 const fixed = Object.fromEntries(['width', 'quality', 'rate']
   .filter((name) => given.has(name)).map((name) => [name, Number(given.get(name)) || 0]));
@@ -285,10 +287,12 @@ function arrangeTiles() {
   const names = [...tiles.keys()];
   const listed = arrangement.list(names);
   const alone = shown() ? [shown(), beside()] : null;
+  const { activeElement } = document;
   [...new Set([...alone ?? [], ...listed].filter(Boolean))].forEach((name, place) => {
     const { element } = tiles.get(name);
     if (cameras.children[place] !== element) cameras.insertBefore(element, cameras.children[place]);
   });
+  if (document.activeElement !== activeElement) activeElement.focus(); // it was in a moved tile
   for (const [name, tile] of tiles) {
     tile.element.hidden = !(alone ?? listed).includes(name);
     tile.view.turn(arrangement.turned(name));
@@ -318,6 +322,13 @@ function rearrange(name, topic, before) {
   if (!tiles.has(topic) || topic === before) return;
   arrangement.toggle(name, topic, before);
   layOut();
+}
+
+/** Move a pinned topic behind the next one, or before the last one. */
+function move(topic, isLater) {
+  const pins = arrangement.list([...tiles.keys()]).filter((name) => arrangement.has('pin', name));
+  const other = pins[pins.indexOf(topic) + (isLater ? 1 : -1)];
+  if (other) rearrange('pin', ...(isLater ? [other, topic] : [topic, other]));
 }
 
 /** Show one topic or all, as somebody has chosen. */
@@ -370,10 +381,20 @@ function show() {
   ratios.sort((one, other) => one - other);
   const one = tiles.get(shown());
   showPanel();
+  if (present === 'live') announce(one);
   arrange(shownTiles().length + (!selected && robot.isShown),
     one?.view.ratio || (ratios[ratios.length >> 1] ?? 16 / 9), one,
     Number(arrangement.get('size')) || 0);
   ask();
+}
+
+/** Tell screen readers that the picture that is shown alone has stopped, or comes again. */
+function announce(tile) {
+  const isQuiet = Boolean(tile?.element.classList.contains('quiet'));
+  if (said.tile === tile && (said.isQuiet === isQuiet || Date.now() < said.at + SAY_MS)) return;
+  const sentence = isQuiet ? tile.link.title : 'Pictures arrive again';
+  part('said').textContent = said.tile === tile ? sentence : '';
+  said = { tile, isQuiet, at: Date.now() };
 }
 
 function showPanel() {
@@ -510,7 +531,8 @@ for (const name of ['search', 'size', 'beside']) {
 const topicOf = (element) => element.closest('.tile')?.dataset.topic;
 cameras.addEventListener('click', ({ target }) => {
   const { arrange: name, look: way } = target.closest('button')?.dataset ?? {};
-  if (name) rearrange(name, topicOf(target));
+  if (name === 'earlier' || name === 'later') move(topicOf(target), name === 'later');
+  else if (name) rearrange(name, topicOf(target));
   if (way) look(way, tiles.get(topicOf(target)));
 });
 cameras.addEventListener('dragstart',
