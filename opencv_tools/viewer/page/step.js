@@ -33,9 +33,14 @@ export class Steps {
 
   /** Show the buttons of a paused page. */
   show(isPaused) {
-    for (const element of document.querySelectorAll('.step')) {
-      if (!isPaused && element.matches('output')) element.textContent = '';
-      element.hidden = !isPaused;
+    if (!isPaused) this.#write('');
+    for (const button of document.querySelectorAll('button.step')) button.hidden = !isPaused;
+  }
+
+  /** Write a text into a picture, and remove those of others. */
+  #write(topic, text) {
+    for (const output of document.querySelectorAll('output.step')) {
+      output.textContent = output.closest('.tile').dataset.topic === topic ? text : '';
     }
   }
 
@@ -62,10 +67,7 @@ export class Steps {
 
   /** Show the answer of the server. */
   receive({ topic, text, error }) {
-    for (const output of document.querySelectorAll('output.step:not([hidden])')) {
-      const isStepped = output.closest('.tile').dataset.topic === topic;
-      output.textContent = isStepped ? error ?? text : '';
-    }
+    this.#write(document.querySelector('button.step').hidden ? '' : topic, error ?? text);
     this.#waits = false;
     this.#ask();
   }

@@ -444,10 +444,6 @@ function fillScreen() {
   else tiles.get(shown())?.link.requestFullscreen?.();
 }
 
-/** Return what shows another frame of a picture, and of that beside it. */
-const stepBy = (count) => ({ name }) => steps.by(
-  count, name, name === shown() ? beside() : shown());
-
 // What each button does to look into a picture.
 const LOOKS = {
   in: ({ view }) => view.zoom(view.scale * ZOOM),
@@ -459,8 +455,6 @@ const LOOKS = {
   overlays: () => overlays.toggle(),
   turn: (tile) => arrangement.turn(tile.name),
   flip: (tile) => arrangement.turn(tile.name, true),
-  earlier: stepBy(-1),
-  later: stepBy(1),
 };
 
 /** Look into a picture in another way. */
@@ -512,6 +506,8 @@ const BUTTONS = {
   previous: () => step(-1),
   next: () => step(1),
   pause,
+  earlier: () => steps.by(-1, shown(), beside()),
+  later: () => steps.by(1, shown(), beside()),
   save: () => save(shown()),
   rectified: rectify,
   full: fillScreen,
