@@ -32,6 +32,7 @@ from opencv_tools.image_codecs import convert_image
 #: Lends an array for an image of a height, a width and an encoding, or None.
 Lend = Callable[[int, int, Encoding], NDArray[Any] | None]
 
+
 class Rectifier:
     """
     Rectify the images of a camera, with maps that are computed once for each calibration.

@@ -193,7 +193,7 @@ def test_grid_and_cross_in_the_picture(
         detector: Detector, viewer: Viewer, browser: Browser) -> None:
     page = open_page(viewer, browser, '&grid=true&cross=true')
     corners = [place_of(page, x, y) for x, y in ((0, 0), (WIDTH, HEIGHT))]
-    left, top = page.evaluate(FRAME)
+    left, _ = page.evaluate(FRAME)
     sides = page.evaluate('(({left, top, right, bottom}) => [left, top, right, bottom])('
                           'document.querySelector(".grid").getBoundingClientRect())')
     np.testing.assert_allclose(sides, [corners[0]['x'], corners[0]['y'], corners[1]['x'],

@@ -127,7 +127,8 @@ class PageOverlays:
         drawn, camera = self._boxes.get(topic), self._cameras.get(topic)
         channel = self._channel_of(topic)
         if drawn:
-            notes.append(drawn.frames.describe(self._sent.get(topic, (0, 0))[0]) if isinstance(channel, Channel)
+            number, _ = self._sent.get(topic, (0, 0))
+            notes.append(drawn.frames.describe(number) if isinstance(channel, Channel)
                          else 'boxes need pictures, and this is video')
         if camera:
             camera.look()
