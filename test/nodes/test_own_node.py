@@ -111,8 +111,8 @@ def test_interrupted_demo(start: Start, tmp_path: Path) -> None:
     demo.interrupt()
     assert demo.finish() == 130
     assert 'Traceback' not in demo.output
-    assert {line.split(': ')[1].split()[0] for line in demo.output.splitlines()[-2:]} == {
-        'Published', 'Received'}
+    accounts = {line.split(': ')[1].split()[0] for line in demo.output.splitlines()}
+    assert {'Published', 'Received'} <= accounts
     assert 'Published 90' not in demo.output  # the nodes were ended
 
 

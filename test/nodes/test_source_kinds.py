@@ -39,7 +39,7 @@ Start = Callable[..., NodeProcess]
 def receive(start: Start, node: Node, count: int, **parameters: object) -> list[np.ndarray]:
     """Start a publisher and receive its first frames, in the encoding they come in."""
     messages: list[Image] = []
-    node.create_subscription(Image, 'video_frames', messages.append, 50)
+    node.create_subscription(Image, 'video_frames', messages.append, 50 + count)
     publisher = start('img_publisher', wait_for_subscribers=1, publish_rate=50, **parameters)
     spin_until(node, lambda: len(messages) >= count)
     if parameters.get('on_end', 'stop') == 'stop' or 'max_frames' in parameters:
