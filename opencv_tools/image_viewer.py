@@ -57,7 +57,7 @@ class ImageViewer(ClosableNode):
         log = self._log = Log(self.get_logger())
         calls = ExecutorCalls(self, log)
         self._recorder = PageRecorder(
-            self, settings.record_dir, settings.transport, calls, log,
+            self, settings.record_dir, lambda work: calls.start(work, lambda _: None), log,
         ) if settings.record_dir else None
         self._graph = Graph(self, settings.patterns, settings.transport, log,
                             Control(self, self._recorder) if settings.control else None)

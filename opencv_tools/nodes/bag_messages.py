@@ -68,7 +68,8 @@ class BagMessages:
         self._channels: dict[tuple[str, str], BagChannel] = {}
         self._image_topics: dict[str, str] = {}
         self._throttle = Throttle()
-        self._subscribe(camera_info_topic(topic), [])
+        info_topic = camera_info_topic(topic)
+        self._subscribe(info_topic, self._offers(info_topic, CAMERA_INFO))
 
     def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
         """
@@ -86,6 +87,9 @@ class BagMessages:
 
     def close(self) -> None:
         """Pass on the messages of camera_info that have arrived, and unsubscribe."""
+        self._unsubscribe()
+
+    def _unsubscribe(self) -> None:
         for _ in range(_DEPTH):
             taken = take_serialized(self._subscription.handle)
             if taken is None:
@@ -100,7 +104,7 @@ class BagMessages:
             return
         offers = self._offers(topic, CAMERA_INFO)
         if topic != self._topic or (offers and _qos(offers) != self._qos):
-            self._node.destroy_subscription(self._subscription)
+            self._unsubscribe()
             self._subscribe(topic, offers)
 
     def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:

@@ -35,6 +35,7 @@ from opencv_tools.viewer.overlays.boxes import DETECTIONS
 from opencv_tools.viewer.overlays.topics import OverlayTopics
 from opencv_tools.viewer.packets import PACKETS
 from opencv_tools.viewer.protocol import base_name, MAX_TOPICS, VIDEOS
+from opencv_tools.viewer.recording.images import Topic
 from opencv_tools.viewer.robot.topics import RobotState, RobotTopics
 from rclpy.node import Node
 
@@ -223,8 +224,9 @@ class Graph:
         nodes = (self.control.nodes(node for topic in topics.values() for node in topic.nodes)
                  if self.control else {})
         recorder = self.control and self.control.recorder
-        recording = recorder.state(
-            (topic.number, name) for name, topic in topics.items()) if recorder else None
+        recording = recorder.state({
+            topic.number: Topic(name, topic.transport(self._transport))
+            for name, topic in topics.items()}) if recorder else None
         return GraphState(topics, more, feeds, nodes, self.robot.state(),
                           self.overlays.names(DETECTIONS), recording)
 

@@ -149,6 +149,9 @@ class ViewerServer:
     async def _serve(self) -> None:
         with ThreadPoolExecutor(_ENCODERS, 'encoder') as pool:
             hub = Hub(self._settings, self._graph, self._calls, pool, self._log)
+            recorder = self._graph.control and self._graph.control.recorder
+            if recorder and hub.history.limit:
+                recorder.frames_of = hub.history.frames
             site = Site(hub, self._access, with_robot_page(read_page()), self._node,
                         self._port, self._tls is not None, self._log,
                         partial(PageOverlays, OverlaySources(self._graph.overlays, self._calls)))

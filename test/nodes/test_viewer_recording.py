@@ -250,6 +250,61 @@ def test_ten_thousand_names(start: Start, tmp_path: Path) -> None:
     run_page(act())
 
 
+def test_last_seconds_of_two_topics(start: Start, node: Node, tmp_path: Path) -> None:
+    folder = tmp_path / 'bags'
+    viewer = start('img_viewer', port=0, control='true', record_dir=folder)
+    raw, jpeg = Camera(node, '/left'), Camera(node, '/right/compressed', compressed=True)
+    Camera(node, '/other')
+    jpegs = [cv2.imencode('.jpg', picture(number))[1].tobytes() for number in range(20)]
+
+    async def act() -> dict[str, Any]:
+        recording = await Recording.connect(viewer)
+        left, right, other = await recording.numbers('/left', '/right', '/other')
+        page = recording.page
+        await page.send(keep=[other])
+        assert await page.text('keep') == {
+            'node': [other], 'name': None, 'ok': False,
+            'message': 'no frames of /other are in memory'}
+        for name, camera in (('/left', raw), ('/right', jpeg)):
+            await page.send(subscribe=name, looks=True)
+            await camera.seen()
+        for number in range(20):  # as they are displayed
+            raw.publish(picture(number))
+            jpeg.publish_compressed(jpegs[number])
+            for _ in range(2):
+                await page.picture()
+        await page.send(keep=[left, right, other])
+        answer = await page.text('keep')
+        assert answer['ok'], answer
+        assert viewer.is_running()
+        return answer
+
+    answer = run_page(act())
+    (bag,) = recorded_files(folder)
+    assert answer['message'] == f'Recorded 40 frames from memory in {bag.name}'
+    found = images_in(bag)
+    assert set(found) == {'/left', '/right/compressed'}
+    assert all(np.array_equal(pixels, picture(number))
+               for number, (_, pixels) in enumerate(found['/left']))
+    assert found['/right/compressed'] == [*zip(range(1, 21), jpegs)]
+    assert [line['frames'] for line in read_manifest(folder)] == [40]
+
+
+def test_no_frames_are_kept(start: Start, node: Node, tmp_path: Path) -> None:
+    viewer = start('img_viewer', port=0, control='true', record_dir=tmp_path / 'bags',
+                   history_bytes=0)
+    Camera(node, '/image')
+
+    async def act() -> None:
+        recording = await Recording.connect(viewer)
+        assert (await recording.state(lambda _: True))['keeps'] is False
+        await recording.page.send(keep=await recording.numbers('/image'))
+        assert (await recording.page.text('keep'))['message'] == (
+            'this node keeps no frames in memory')
+
+    run_page(act())
+
+
 def test_no_recording_by_default(start: Start) -> None:
     viewer = start('img_viewer', port=0, control='true')
 

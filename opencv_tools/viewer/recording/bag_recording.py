@@ -31,7 +31,7 @@ from opencv_tools.recording.disk_reserve import SinkWithReserve
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.viewer.recording.images import RecordedImages
+from opencv_tools.viewer.recording.images import RecordedImages, Topic
 from rclpy.node import Node
 
 # Frames that wait for the disk, and their bytes. A frame that finds no room is dropped.
@@ -76,18 +76,17 @@ class BagRecording:
         """Bag with the newest frame; None before the first one."""
         return self._path
 
-    def receive(self, node: Node, transport: str, names: Sequence[str]) -> None:
+    def receive(self, node: Node, topics: Sequence[Topic]) -> None:
         """
         Begin to receive topics, in the executor.
 
-        :param transport: transport as the pages receive it.
-        :param names: names of the topics.
+        :param topics: topics, each once.
         :raises ParameterError: a topic cannot be subscribed to; none is received then.
         """
         try:
-            for name in names:
-                self._topics[name] = RecordedImages(
-                    node, transport, self._log, name, self.put, partial(self._add_info, name))
+            for topic in topics:
+                self._topics[topic.name] = RecordedImages(
+                    node, topic, self._log, self.put, partial(self._add_info, topic.name))
         except Exception:
             self.stop()
             raise

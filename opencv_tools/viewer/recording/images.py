@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import time
+from typing import NamedTuple
 
 from opencv_tools.image.errors import ImageError
 from opencv_tools.logs import Log
@@ -35,19 +36,30 @@ _DEPTH = 64
 _MAX_VIEWS = 2
 
 
+class Topic(NamedTuple):
+    """
+    An image topic to record.
+
+    :param name: name of the topic, without the end of a transport.
+    :param transport: transport as the pages receive it; ``auto`` prefers compressed images.
+    """
+
+    name: str
+    transport: str
+
+
 class RecordedImages:
     """Receive each frame of a topic, and the camera_info beside it, in the executor."""
 
     def __init__(
-        self, node: Node, transport: str, log: Log, name: str,
+        self, node: Node, topic: Topic, log: Log,
         on_frame: Callable[[MessageFrame], object],
         on_message: Callable[[RecordedMessage], object],
     ) -> None:
         """
         Subscribe.
 
-        :param transport: transport as the pages receive it; ``auto`` prefers compressed images.
-        :param name: name of the image topic.
+        :param topic: topic of the frames.
         :param on_frame: called with each frame, as it was received.
         :param on_message: called with each camera_info, as it was received.
         :raises ParameterError: the topic cannot be subscribed to.
@@ -56,8 +68,8 @@ class RecordedImages:
         self.heard_at = time.monotonic()  # time of the last frame, or of the beginning
         self._on_frame = on_frame
         self._subscription = FrameSubscription(
-            node, name, log, self._receive, self._count_unreadable,
-            SubscriptionOptions(transport=transport, depth=_DEPTH, prefers_compressed=True,
+            node, topic.name, log, self._receive, self._count_unreadable,
+            SubscriptionOptions(transport=topic.transport, depth=_DEPTH, prefers_compressed=True,
                                 decodes_video=False, max_views=_MAX_VIEWS))
         self._messages = BagMessages(node, self._subscription.topic_name, log, on_message)
 

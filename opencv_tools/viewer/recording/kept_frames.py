@@ -34,8 +34,8 @@ from rclpy.node import Node
 
 #: Returns the received messages of a topic that are in memory, oldest first.
 FramesOf = Callable[[str], Sequence[ReceivedMessage]]
-# Ends of the names of topics, by the types of their messages.
-_ENDS = {IMAGE: '', COMPRESSED_IMAGE: '/compressed'}
+# Possible ends of the names of topics, by the types of their messages.
+_ENDS = {IMAGE: ('',), COMPRESSED_IMAGE: ('/compressed', '')}
 
 @dataclass(frozen=True)
 class SavedFrames:
@@ -67,11 +67,18 @@ def bag_frames(
             type_name = type_of(one)
             if type_name not in _ENDS:  # packets of video need those before them
                 continue
-            key = name + _ENDS[type_name], type_name
+            key = name, type_name
             if key not in channels:
-                channels[key] = bag_channel(*key, offers_of(node, *key))
+                channels[key] = _channel(node, name, type_name)
             frames.append(frame_of(one, channels[key]))
     return sorted(frames, key=lambda frame: frame.receive_ns)
+
+
+def _channel(node: Node, name: str, type_name: str) -> Any:
+    """Return the topic of messages, which is the first one that has publishers of their type."""
+    offers = {end: offers_of(node, name + end, type_name) for end in _ENDS[type_name]}
+    end = next((end for end, found in offers.items() if found), _ENDS[type_name][0])
+    return bag_channel(name + end, type_name, offers[end])
 
 
 def write_frames(

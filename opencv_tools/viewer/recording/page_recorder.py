@@ -17,17 +17,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 import time
 from typing import Any
 
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.logs import Log
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.recording.bag_recording import BagRecording
 from opencv_tools.viewer.recording.disk_work import in_thread
 from opencv_tools.viewer.recording.folder import BagFolder
+from opencv_tools.viewer.recording.images import Topic
 from opencv_tools.viewer.recording.kept_frames import bag_frames, FramesOf, write_frames
 from rclpy.node import Node
 
@@ -36,13 +36,15 @@ MAX_RECORDED = 64
 # Least time between two starts, so that a page cannot fill the folder with bags.
 _PAUSE_SECONDS = 1.0
 
+Start = Callable[[Coroutine[Any, Any, object]], object]
 
-def names_of(numbers: Any, known: Mapping[int, str]) -> list[str]:
+
+def topics_of(numbers: Any, known: Mapping[int, Topic]) -> list[Topic]:
     """
-    Return the names of topics.
+    Return topics by their numbers, each once.
 
     :param numbers: numbers of topics, from a page.
-    :param known: names of the listed topics by their numbers.
+    :param known: the listed topics by their numbers.
     :raises RequestError: there are none, or too many, or a number is that of no topic.
     """
     if not isinstance(numbers, list) or not numbers:
@@ -64,22 +66,19 @@ class PageRecorder:
     of its own.
     """
 
-    def __init__(self, node: Node, record_dir: str, transport: str, calls: ExecutorCalls, log: Log,
-                 ) -> None:
+    def __init__(self, node: Node, record_dir: str, start: Start, log: Log) -> None:
         """
         Open the folder.
 
         :param record_dir: folder of the bags.
-        :param transport: transport as the pages receive it.
-        :param calls: calls in the executor.
+        :param start: runs a coroutine in the executor; thread-safe.
         :raises RecordingError: the folder cannot be used.
         """
         self._folder = BagFolder(record_dir)
         self._node = node
-        self._transport = transport
-        self._calls = calls
+        self._run = start
         self._log = log
-        self._names: dict[int, str] = {}
+        self._topics: Mapping[int, Topic] = {}
         #: What happens now: '' for nothing, ``starting``, ``recording`` or ``ending``.
         self._phase = ''
         self._recording: BagRecording | None = None  # the last one is kept for its account
@@ -88,13 +87,13 @@ class PageRecorder:
         #: Returns the frames of a topic that are in memory, oldest first; None without a memory.
         self.frames_of: FramesOf | None = None
 
-    def state(self, topics: Iterable[tuple[int, str]]) -> dict[str, Any]:
+    def state(self, topics: Mapping[int, Topic]) -> dict[str, Any]:
         """
         Return the account for the pages.
 
-        :param topics: numbers and names of the listed topics. No others are recorded.
+        :param topics: the listed topics by their numbers. No others are recorded.
         """
-        self._names = dict(topics)
+        self._topics = topics
         return self._account()
 
     async def request(self, wanted: Any) -> dict[str, Any]:
@@ -108,7 +107,7 @@ class PageRecorder:
         if wanted is False:
             sentence = await self._stop()
         else:
-            sentence = await self._start(names_of(wanted, self._names))
+            sentence = await self._start(topics_of(wanted, self._topics))
         return {'record': {'ok': True, 'message': sentence}, 'recording': self._account()}
 
     async def keep(self, wanted: Any) -> dict[str, Any]:
@@ -119,7 +118,7 @@ class PageRecorder:
         :returns: the answer for the page.
         :raises RequestError: the request is invalid, or the folder cannot be used.
         """
-        names = names_of(wanted, self._names)
+        names = [topic.name for topic in topics_of(wanted, self._topics)]
         if self.frames_of is None:
             raise RequestError('this node keeps no frames in memory')
         if self._is_saving:
@@ -157,7 +156,7 @@ class PageRecorder:
             self._recording.finish()
             self._report(self._recording, 'the node has ended')
 
-    async def _start(self, names: list[str]) -> str:
+    async def _start(self, topics: list[Topic]) -> str:
         recording = self._recording
         if self._phase == 'recording' and recording:
             since = time.strftime('%H:%M:%S', time.localtime(recording.since))
@@ -171,7 +170,7 @@ class PageRecorder:
             sink = await in_thread(self._node, self._log, self._folder.open)
             recording = BagRecording(sink, self._log, self._end_full)
             try:
-                recording.receive(self._node, self._transport, names)
+                recording.receive(self._node, topics)
             except Exception:
                 await in_thread(self._node, self._log, recording.finish)
                 raise
@@ -179,7 +178,7 @@ class PageRecorder:
             self._phase = ''
             raise
         self._recording, self._phase = recording, 'recording'
-        sentence = f'Recording {_count(len(names), "topic")}'
+        sentence = f'Recording {_count(len(topics), "topic")}'
         self._log.info(f'{sentence} in {self._folder.path}, as a page has requested')
         return sentence
 
@@ -209,7 +208,7 @@ class PageRecorder:
 
     def _end_full(self) -> None:
         """End the recording, because the disk has too little space; called in a thread."""
-        self._calls.start(self._stop('the disk has too little space'), lambda _: None)
+        self._run(self._stop('the disk has too little space'))
 
     def _report(self, recording: BagRecording, reason: str) -> str:
         """Log the account of a recording that has ended, and return it for a page."""

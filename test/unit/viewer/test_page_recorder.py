@@ -39,12 +39,13 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.recording import bag_recording as module
 from opencv_tools.viewer.recording.bag_recording import BagRecording
 from opencv_tools.viewer.recording.folder import BagFolder
+from opencv_tools.viewer.recording.images import Topic
 from opencv_tools.viewer.recording.kept_frames import bag_frames, write_frames
-from opencv_tools.viewer.recording.page_recorder import names_of
+from opencv_tools.viewer.recording.page_recorder import topics_of
 import pytest
 from rclpy.node import Node
 
-KNOWN = {1: '/left', 2: '/right'}
+KNOWN = {1: Topic('/left', 'auto'), 2: Topic('/right', 'disparity')}
 _RANDOM = np.random.default_rng(5)
 
 
@@ -66,8 +67,8 @@ def compressed(number: int) -> ReceivedMessage:
 
 @pytest.mark.parametrize(('numbers', 'names'), [
     ([1], ['/left']), ([2, 1], ['/right', '/left']), ([1, 1, 1], ['/left'])])
-def test_names_of_topics(numbers: list[int], names: list[str]) -> None:
-    assert names_of(numbers, KNOWN) == names
+def test_topics_by_their_numbers(numbers: list[int], names: list[str]) -> None:
+    assert [topic.name for topic in topics_of(numbers, KNOWN)] == names
 
 
 @pytest.mark.parametrize(('wanted', 'sentence'), [
@@ -83,7 +84,7 @@ def test_names_of_topics(numbers: list[int], names: list[str]) -> None:
     ([*range(10_000)], '10000 topics are too many')])
 def test_numbers_that_are_refused(wanted: Any, sentence: str) -> None:
     with pytest.raises(RequestError) as caught:
-        names_of(wanted, KNOWN)
+        topics_of(wanted, KNOWN)
     assert str(caught.value).startswith(sentence)
     assert len(str(caught.value)) < 100
 
