@@ -160,7 +160,7 @@ def read_camera_model(info: Any, width: int, height: int) -> CameraModel:
         raise RectificationError('P and R of the camera_info cannot be inverted: give a rotation '
                                  'as R, for example the identity, and 0 0 1 0 as last row of P')
     return CameraModel(matrix=matrix, distortion=distortion, rotation=rotation,
-                   projection=projection, is_fisheye=info.distortion_model == _FISHEYE)
+                       projection=projection, is_fisheye=info.distortion_model == _FISHEYE)
 
 
 def _check_size(

@@ -71,7 +71,8 @@ class PageSocket(SocketHandler):
         self._controlling = asyncio.Lock()
         self._looks = Looks(lambda name: self._channels.get(name), self._write)
         self._overlays = self.site.overlays(
-            lambda name: self._channels.get(name), self._write, self._post)
+            lambda name: self._channels.get(name), self._write,
+            lambda message: self._start(json.dumps(message)))
         self._steps = self.site.hub.steps(self._channels, self._write)
         self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)

@@ -112,7 +112,7 @@ class MatchedFrames:
             if found and not _has_same_frame(frame, found):
                 names = printable(found.header.frame_id), printable(_frame_id(frame))
                 return f'{topic} has the frame_id {names[0]}, but the pictures have {names[1]}'
-        if self._frames and source.newest.header.stamp_ns < self._frames[0].stamp_ns:
+        if len(self._frames) > 1 and source.newest.header.stamp_ns < self._frames[0].stamp_ns:
             return (f'the messages of {topic} come too late: the node keeps '
                     f'{len(self._frames)} pictures')
         return f'no message of {topic} has the stamp of a picture'

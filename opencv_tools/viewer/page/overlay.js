@@ -23,7 +23,6 @@ const LETTER = 14; // pixels of the height of a label
 /** Form with the overlays, which are kept in the address. */
 export class OverlayForm {
   #form = document.getElementById('overlays');
-  #fields = this.#form.elements;
   #published = [];
   #isOpen = false;
 
@@ -34,11 +33,10 @@ export class OverlayForm {
    */
   constructor(onChange) {
     const { searchParams: given } = new URL(location);
-    this.list([]);
     for (const name of NAMES) {
       const value = given.get(name) ?? '';
-      const field = this.#fields[name];
-      if (name === 'boxes' && value) field.add(new Option(value));
+      const field = this.#form.elements[name];
+      if (name === 'boxes') field.add(new Option(value));
       if (field.type === 'checkbox') field.checked = value === 'true';
       else field.value = name === 'grid' && value === 'true' ? '2' : value;
     }
@@ -47,6 +45,7 @@ export class OverlayForm {
       this.keep();
       onChange();
     });
+    this.list([]);
   }
 
   /** Write the overlays into the address. */
@@ -69,10 +68,10 @@ export class OverlayForm {
   /** Use the list of the published topics with boxes. */
   list(published) {
     this.#published = published;
-    const { boxes } = this.#fields;
+    const { boxes } = this.#form.elements;
     const { value } = boxes;
-    const names = new Set(['', ...published, value]);
-    boxes.replaceChildren(...[...names].map((name) => new Option(name || 'None', name)));
+    const names = [...new Set(['', ...published, value])];
+    boxes.replaceChildren(...names.map((name) => new Option(name || 'None', name)));
     boxes.value = value;
   }
 
@@ -97,6 +96,7 @@ export class Overlay {
   #asked = '';
   #camera = {};
   #boxes = new Map(); // by picture
+  #isEmpty = true;
   #part = (name) => this.#tile.element.querySelector(`.overlay ${name}`);
 
   /** @param tile has name, connection, element, view, picture, link and canvas. */
@@ -138,7 +138,11 @@ export class Overlay {
   }
 
   #draw() {
-    const { view: { size: [width, height], matrix }, picture } = this.#tile;
+    const { view: { size: [width, height] }, view, picture } = this.#tile;
+    const wasEmpty = this.#isEmpty;
+    this.#isEmpty = !width || !Object.values(this.#chosen).some(Boolean);
+    if (this.#isEmpty && wasEmpty) return;
+    const { matrix } = view;
     const { center, outline, grid, cross } = this.#chosen;
     const at = ([x, y]) => matrix.transformPoint({ x, y });
     const path = (points) => points.map((point, place) => {
@@ -153,8 +157,8 @@ export class Overlay {
     const parts = Array.from({ length: lines }, (_, line) => (line + 1) / (lines + 1));
     const sides = parts.map((part) => path([[part * width, 0], [part * width, height]])
       + path([[0, part * height], [width, part * height]]));
-    this.#part('.grid').setAttribute('d', width ? sides.join('')
-      + (cross ? plus([width / 2, height / 2]) : '') : '');
+    this.#part('.grid').setAttribute('d', sides.join('')
+      + (cross ? plus([width / 2, height / 2]) : ''));
     const { center: middle, outline: border = [] } = this.#camera;
     this.#part('.camera').setAttribute('d', (center && middle ? plus(middle) : '')
       + (outline ? path([...border, ...border.slice(0, 1)]) : ''));
