@@ -22,12 +22,11 @@ from collections.abc import Awaitable, Callable
 from opencv_tools.image.text import printable
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.feed import Feed, NewFrame
-from opencv_tools.viewer.overlays.boxes import Boxes
+from opencv_tools.viewer.overlays.frame_boxes import FrameBoxes, frame_id, has_same_camera
 from opencv_tools.viewer.overlays.sources import BoxSource, Detections
 
 # Frames that wait for their boxes, and their bytes.
 _MAX_FRAMES, _MAX_FRAME_BYTES = 32, 64 << 20
-_MAX_READ = 8  # frames whose boxes are kept; a page may request one with another region
 _PERIOD = 1 / 60  # between two matches in seconds
 # Seconds and periods without a match after which frames are shown without boxes.
 _QUIET_SECONDS, _QUIET_PERIODS, _MAX_QUIET_SECONDS = 1.0, 3, 3.0
@@ -50,7 +49,8 @@ class MatchedFrames:
         :param expired: called when frames are shown without boxes again.
         """
         self._source = source
-        self._on_match = matched
+        #: Boxes of the frames.
+        self.boxes = FrameBoxes(source, matched)
         self._on_expiry = expired
         self._loop = asyncio.get_running_loop()
         self._feed: Feed | None = None
@@ -60,6 +60,7 @@ class MatchedFrames:
 
     def close(self) -> None:
         """Match nothing any more."""
+        self.boxes.close()
         for work in (self._task, self._timer):
             if work:
                 work.cancel()
@@ -81,11 +82,6 @@ class MatchedFrames:
         self._timer = self._loop.call_later(wait, self._on_expiry)
         return self._matched
 
-    def boxes(self, frame: NewFrame) -> Boxes | None:
-        """Return the boxes of a frame; None if it has none yet."""
-        found = self._read.get(frame.number)
-        return found.boxes if found else None
-
     def look(self) -> None:
         """Read the boxes of the newest frame that has some."""
         if (self._task is None or self._task.done()) and self._next():
@@ -100,7 +96,7 @@ class MatchedFrames:
         topic, source = printable(self._source.key[0]), self._source
         if source.refusal or source.problem:
             return source.refusal or f'a message of {topic} is left out: {source.problem}'
-        drawn = self._read.get(number)
+        drawn = self.boxes.known(number)
         if drawn and drawn.boxes:
             return drawn.boxes.describe()
         if source.newest is None:
@@ -109,8 +105,8 @@ class MatchedFrames:
             return f'the messages of {topic} have no stamp, which boxes need'
         for frame in self._frames:
             found = source.find(frame.stamp_ns)
-            if found and not _has_same_frame(frame, found):
-                names = printable(found.header.frame_id), printable(_frame_id(frame))
+            if found and not has_same_camera(frame, found):
+                names = printable(found.header.frame_id), printable(frame_id(frame))
                 return f'{topic} has the frame_id {names[0]}, but the pictures have {names[1]}'
         if len(self._frames) > 1 and source.newest.header.stamp_ns < self._frames[0].stamp_ns:
             return (f'the messages of {topic} come too late: the node keeps '
@@ -119,7 +115,7 @@ class MatchedFrames:
 
     def _clear(self) -> None:
         self._frames: deque[NewFrame] = deque(maxlen=_MAX_FRAMES)
-        self._read: dict[int, Detections] = {}  # by the number of the frame
+        self.boxes.clear()
         self._matched: NewFrame | None = None
         self._meter = RateMeter(self._loop.time)
 
@@ -138,9 +134,8 @@ class MatchedFrames:
     def _next(self) -> tuple[NewFrame, Detections] | None:
         """Return the newest frame whose boxes have arrived and were not read."""
         for frame in reversed(self._frames):
-            found = self._source.find(frame.stamp_ns)
-            if found and found is not self._read.get(frame.number) and _has_same_frame(
-                    frame, found):
+            found = self.boxes.find(frame)
+            if found and found is not self.boxes.known(frame.number):
                 return frame, found
             if self._matched and frame.number <= self._matched.number:
                 break
@@ -151,23 +146,9 @@ class MatchedFrames:
             frame, detections = found
             feed = self._feed
             await self._source.read(detections)
-            if feed is not self._feed:
-                continue
-            self._read[frame.number] = detections
-            if len(self._read) > _MAX_READ:
-                del self._read[next(iter(self._read))]
-            if detections.boxes is not None:
+            if feed is self._feed and detections.boxes is not None:
                 self._matched = frame
                 self._meter.add()
-                await self._on_match(frame)
+            if feed is self._feed:
+                await self.boxes.read(frame, detections)
             await asyncio.sleep(_PERIOD)
-
-
-def _frame_id(frame: NewFrame) -> str:
-    return frame.message.header.frame_id
-
-
-def _has_same_frame(frame: NewFrame, found: Detections) -> bool:
-    """Return whether boxes are those of the camera of a frame, as far as both say."""
-    names = {_frame_id(frame), found.header.frame_id} - {''}
-    return len(names) < 2

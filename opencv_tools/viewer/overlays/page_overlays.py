@@ -116,7 +116,7 @@ class PageOverlays:
         """Send the boxes of a picture, which follows, and return its sequence number."""
         self._sent[topic] = frame.number, sequence
         drawn = self._boxes.get(topic)
-        boxes = drawn.frames.boxes(frame) if drawn else None
+        boxes = drawn.frames.boxes.of(frame) if drawn else None
         if boxes is not None:
             self._post(_message(topic, sequence, boxes.as_json()))
         return sequence
@@ -127,6 +127,7 @@ class PageOverlays:
         drawn, camera = self._boxes.get(topic), self._cameras.get(topic)
         channel = self._channel_of(topic)
         if drawn:
+            drawn.frames.boxes.hold(isinstance(channel, Channel) and channel.options.held)
             number, _ = self._sent.get(topic, (0, 0))
             notes.append(drawn.frames.describe(number) if isinstance(channel, Channel)
                          else 'boxes need pictures, and this is video')
@@ -183,7 +184,7 @@ class PageOverlays:
     async def _matched(self, topic: str, frame: NewFrame) -> None:
         """Send a frame whose boxes have arrived, or the boxes alone if the page has the frame."""
         drawn = self._boxes.get(topic)
-        boxes = drawn.frames.boxes(frame) if drawn else None
+        boxes = drawn.frames.boxes.of(frame) if drawn else None
         number, sequence = self._sent.get(topic, (0, 0))
         if boxes is not None and number == frame.number:
             await self._write(_message(topic, sequence, boxes.as_json()))

@@ -33,8 +33,8 @@ from opencv_tools.viewer.overlays.topics import CALIBRATION, OverlayKey, Overlay
 
 # Time after the last page until the subscription ends, for a reload of the page.
 _UNUSED_SECONDS = 2.0
-# Messages that wait for a picture of the same stamp, and their bytes.
-_MAX_WAITING, _MAX_WAITING_BYTES = 64, 2 * MAX_BYTES
+# Messages that are kept for pictures of the same stamps, and their bytes.
+_MAX_KEPT, _MAX_KEPT_BYTES = 512, 2 * MAX_BYTES
 _LOAD = 4  # part of the time, 1 / 4, that the messages of a topic may take
 _MAX_PAUSE = 1.0
 
@@ -109,13 +109,18 @@ class BoxSource(Source):
         super().__init__(key)
         #: The newest message; None before the first one.
         self.newest: Detections | None = None
-        self._waiting: dict[int, Detections] = {}
+        self._kept: dict[int, Detections] = {}
+        self._bytes = 0
         self._reading = asyncio.Lock()
         self._due = 0.0
 
     def find(self, stamp_ns: int) -> Detections | None:
         """Return the message with a stamp; None for no stamp, or no message."""
-        return self._waiting.get(stamp_ns) if stamp_ns else None
+        return self._kept.get(stamp_ns) if stamp_ns else None
+
+    def copy(self) -> dict[int, Detections]:
+        """Return the messages by their stamps."""
+        return dict(self._kept)
 
     async def read(self, detections: Detections) -> None:
         """Read the boxes of a message, once for all pages, in at most a quarter of the time."""
@@ -136,11 +141,15 @@ class BoxSource(Source):
     def _keep(self, message: memoryview) -> None:
         found = Detections(read_header(message), message)
         self.newest = found
-        self._waiting.pop(found.header.stamp_ns, None)
-        self._waiting[found.header.stamp_ns] = found
-        while len(self._waiting) > _MAX_WAITING or sum(
-                len(one.data) for one in self._waiting.values()) > _MAX_WAITING_BYTES:
-            del self._waiting[next(iter(self._waiting))]
+        self._forget(found.header.stamp_ns)
+        self._kept[found.header.stamp_ns] = found
+        self._bytes += len(message)
+        while len(self._kept) > _MAX_KEPT or self._bytes > _MAX_KEPT_BYTES:
+            self._forget(next(iter(self._kept)))
+
+    def _forget(self, stamp_ns: int) -> None:
+        earlier = self._kept.pop(stamp_ns, None)
+        self._bytes -= len(earlier.data) if earlier else 0
 
 
 class OverlaySources:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from typing import cast
 
 from detections import serialized
@@ -98,7 +99,7 @@ def test_newest_frame_with_boxes_is_chosen() -> None:
         await until(lambda: match.matched[-1] == 4)
         match.frame(6)
         assert match.chosen() == 4
-        assert match.frames.boxes(cast(NewFrame, match.feed.newest)) is None
+        assert match.frames.boxes.of(cast(NewFrame, match.feed.newest)) is None
 
     run(work)
 
@@ -138,11 +139,11 @@ def test_newest_of_two_messages_with_one_stamp() -> None:
         for name in 'ab':
             match.boxes(1, name=name)
         await until(lambda: bool(match.matched))
-        shown = match.frames.boxes(cast(NewFrame, match.feed.newest))
+        shown = match.frames.boxes.of(cast(NewFrame, match.feed.newest))
         assert shown and [box.label for box in shown.shown] == ['b 0.50']
         match.boxes(1, name='c')
         await until(lambda: len(match.matched) == 2)
-        shown = match.frames.boxes(cast(NewFrame, match.feed.newest))
+        shown = match.frames.boxes.of(cast(NewFrame, match.feed.newest))
         assert shown and [box.label for box in shown.shown] == ['c 0.50']
 
     run(work)
@@ -183,7 +184,7 @@ def test_what_is_kept_is_bounded() -> None:
         for stamp in range(1, 1001):
             match.boxes(stamp)
         assert [stamp for stamp in range(1, 1001) if match.source.find(stamp)] == [
-            *range(937, 1001)]
+            *range(489, 1001)]
         large = bytes(serialized([], 2000)) + bytes(MAX_BYTES - 200)
         match.source.receive([serialized([], 5000 + number) + large for number in range(5)])
         assert [number for number in range(5) if match.source.find(5000 + number)] == [3, 4]
@@ -228,5 +229,41 @@ def test_numbers_of_another_feed_begin_again() -> None:
         assert match.chosen() == 5
         match.boxes(5)
         await until(lambda: match.matched == [1, 5])
+
+    run(work)
+
+
+def test_boxes_of_earlier_frames_of_a_paused_page() -> None:
+    async def work(match: Match) -> None:
+        for stamp in range(1, 100):
+            match.frame(stamp)
+            match.boxes(stamp, name=str(stamp))
+        await until(lambda: bool(match.matched) and match.matched[-1] == 99)
+        match.frames.boxes.hold(True)
+        for stamp in range(1000, 1600):  # would replace all of them
+            match.boxes(stamp)
+        image = array_to_wire(np.zeros((4, 4, 3), np.uint8), find_encoding('bgr8'),
+                              WireHeader(0, 5, ''))
+        earlier = NewFrame(-5, image, 0)
+        match.frames.boxes.of(earlier)
+        await until(lambda: match.matched[-1] == 5)
+        shown = match.frames.boxes.of(earlier)
+        assert shown and [box.label for box in shown.shown] == ['5 0.50']
+        assert match.frames.describe(-5) == '1 box'
+        match.frames.boxes.hold(False)
+        other = NewFrame(-6, replace(image, header=WireHeader(0, 6, '')), 0)
+        assert match.frames.boxes.of(other) is None
+
+    run(work)
+
+
+def test_many_messages_that_cannot_be_read_are_read_once() -> None:
+    async def work(match: Match) -> None:
+        for stamp in range(1, 33):
+            match.frame(stamp)
+            match.source.receive([serialized([BOX], stamp)[:-40]])
+        await until(lambda: all(found.is_read for found in match.source.copy().values()))
+        await until(lambda: len(asyncio.all_tasks()) == 1)  # nothing is read any more
+        assert match.matched == []
 
     run(work)
