@@ -304,3 +304,21 @@ def test_all_of_a_picture_is_on_the_screen(viewer: Viewer, browser: Browser, cam
         page.wait_for(f'innerWidth === {width} && tileOf("/portrait").getBoundingClientRect()'
                       f'.bottom <= {height} '
                       '&& tileOf("/portrait").querySelector("canvas").offsetWidth > 100')
+
+
+def test_large_screen(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for number in range(8):
+        image = np.full((720, 1280), 1000 + number, np.uint16)
+        Camera(camera, f'/depth_{number}', LATCHED).publish_image(image, '16UC1')
+    page = browser.new_page(viewer.url, 1920, 1080)
+    page.wait_for('[...document.querySelectorAll(".tile canvas")].filter('
+                  '(one) => !one.hidden && one.offsetWidth > 400).length === 8')
+    check_layout(page, 1920)
+    assert page.evaluate('document.documentElement.scrollHeight') <= 1080  # all are seen
+    page.evaluate('tileOf("/depth_3").querySelector(".frame").click()')
+    page.wait_for('document.getElementById("range").offsetWidth > 0')
+    page.wait_for('tileOf("/depth_3").querySelector(".history").checkVisibility()')
+    page.wait_for('tileOf("/depth_3").querySelector("canvas").getBoundingClientRect().width'
+                  ' > 1100')
+    check_layout(page, 1920)
+    assert page.evaluate('tileOf("/depth_3").getBoundingClientRect().bottom') <= 1080

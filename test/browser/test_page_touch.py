@@ -244,3 +244,19 @@ def test_announcements_of_one_camera(
     for name in ('said', 'state', 'notice'):
         role = page.evaluate(f'document.getElementById({name!r}).role')
         assert role == ('alert' if name == 'notice' else 'status')
+
+
+def test_targets_of_steps_and_overlays(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front = Camera(camera, TOPIC)
+    page = open_phone(browser, f'{viewer.url}?topic={TOPIC}')
+    for number in range(3):
+        front.show(page, number)
+    press(page, 'document.querySelector("[data-look=overlays]")')
+    page.wait_for('document.getElementById("overlays").checkVisibility()')
+    press(page, 'document.getElementById("pause")')
+    page.wait_for('document.querySelector("[data-look=earlier]").checkVisibility()')
+    press(page, 'document.querySelector("[data-look=earlier]")')
+    page.wait_for(f'numberOf({TOPIC!r}) === 1')
+    check_targets(page)
+    check_names(page)
+    check_all(page)
