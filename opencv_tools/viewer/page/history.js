@@ -49,14 +49,14 @@ export class History {
   }
 
   #draw(now) {
-    const place = (second) => SECONDS - 1 - (now - second);
+    const [{ second: begin }] = this.#samples;
     const marks = this.#restarts.map(
-      (second) => `M${(place(second) / (SECONDS - 1)) * WIDTH} 0V100`).join('');
+      (second) => `M${((second - begin) / (now - begin || 1)) * WIDTH} 0V100`).join('');
     for (const [name, text] of Object.entries(TEXTS)) {
       const figure = this.#element.querySelector(`[data-curve=${name}]`);
-      const values = Array(SECONDS).fill(null);
+      const values = Array(now - begin + 1).fill(null);
       for (const one of this.#samples) {
-        if (Number.isFinite(one[name])) values[place(one.second)] = one[name];
+        if (Number.isFinite(one[name])) values[one.second - begin] = one[name];
       }
       const known = values.filter((one) => one !== null);
       const [low, high] = [Math.min(...known), Math.max(...known)];
@@ -66,7 +66,7 @@ export class History {
       figure.querySelector('span').textContent = known.length ? `${text(low)} to ${text(high)}` : '';
     }
     const count = this.#restarts.length;
-    this.#element.querySelector('.hint').textContent = `Last ${age(now - this.#samples[0].second + 1)}`
+    this.#element.querySelector('.hint').textContent = `Last ${age(now - begin + 1)}`
       + (count ? `, ${count} ${count > 1 ? 'restarts' : 'restart'}` : '');
   }
 }
