@@ -344,6 +344,23 @@ def test_steps_over_the_restart_of_a_publisher(
     check(page, 4, 'frame 4 of 7, 0.3 s before')
 
 
+def test_steps_before_the_end_of_a_camera(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser)
+    show_all(page, source, 1, 5)
+    camera.destroy_publisher(source.publisher)
+    quiet = f'tileOf({TOPIC!r}).classList.contains("quiet")'
+    page.wait_for(quiet)
+    pause(page)
+    assert not page.evaluate(quiet)
+    for number in (4, 3):
+        page.press(',')
+        check(page, number, f'frame {number} of 5, 0.{5 - number} s before')
+    page.press(' ')
+    page.wait_for(quiet)
+
+
 def test_limits(start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
     size = SIZE[0] * SIZE[1] * 3
     source, other = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)

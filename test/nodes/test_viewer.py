@@ -668,6 +668,44 @@ def test_questions_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
     assert 'Traceback' not in viewer.output
 
 
+def test_steps_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'front', latched=True)
+    camera.publish(GRAY)
+
+    async def look() -> None:
+        url = address_of(viewer)
+        page = await Page.connect(url)
+        await listed(page, '/front')
+        await look_into(page, camera)
+        await page.send(step='/front', by=-1)
+        assert 'pause' in (await page.text('step'))['error']
+        await page.send(subscribe='/front', looks=True, held=True)
+        for wrong in ({'step': 5, 'by': 1}, {'step': '/front'}, {'step': '/front', 'by': 'b'},
+                      {'step': '/front', 'by': -10**30}, {'step': '/front', 'by': 1, 'beside': 5}):
+            await page.send(**wrong)
+            assert await page.text('error')
+        for _ in range(3000):
+            page.socket.write_message(json.dumps({'step': '/front', 'by': -1, 'beside': '/no'}))
+        await page.send(ping=7)
+        answers = []
+        while True:
+            message = await page.read()
+            if isinstance(message, dict) and 'pong' in message:
+                break
+            if isinstance(message, dict) and 'step' in message:
+                answers.append(message['step'])
+            elif not isinstance(message, dict):
+                await page.send(got=message.sequence)
+        assert len(answers) < 3000  # a step replaces one that waits
+        assert all(one['text'] == 'frame 1 of 1, 0.0 s before, the first one' for one in answers)
+        assert (await fetch(url, '/healthz')).body == b'ok\n'
+
+    run_page(look())
+    viewer.interrupt()
+    assert viewer.finish() == 0
+    assert 'Traceback' not in viewer.output
+
+
 def test_rubbish_in_the_websocket(viewer: NodeProcess) -> None:
     async def look() -> None:
         url = address_of(viewer)

@@ -19,11 +19,7 @@ export class Steps {
   #next = null; // step that was asked for meanwhile
   #isRepeated = false; // whether a key is held
 
-  /**
-   * Begin without steps.
-   *
-   * @param send sends a message to the server.
-   */
+  /** Begin without steps; `send` sends a message to the server. */
   constructor(send) {
     this.#send = send;
     for (const kind of ['keydown', 'keyup']) {
@@ -37,24 +33,16 @@ export class Steps {
     for (const button of document.querySelectorAll('button.step')) button.hidden = !isPaused;
   }
 
-  /** Write a text into a picture, and remove those of others. */
   #write(topic, text) {
     for (const output of document.querySelectorAll('output.step')) {
       output.textContent = output.closest('.tile').dataset.topic === topic ? text : '';
     }
   }
 
-  /**
-   * Step, unless a key is held and the picture before has not come.
-   *
-   * @param by number of frames, negative for earlier ones.
-   * @param step name of the topic.
-   * @param beside name of the other topic; '' for none.
-   */
+  /** Step in a topic and in that beside it, but wait for each picture while a key is held. */
   by(by, step, beside) {
     if (this.#waits && this.#isRepeated) return;
-    const { step: last, by: before } = this.#next ?? {};
-    this.#next = { step, by: last === step ? before + by : by, beside };
+    this.#next = { step, by: by + (this.#next?.step === step ? this.#next.by : 0), beside };
     this.#ask();
   }
 

@@ -215,7 +215,8 @@ export class Tile {
   show(mood) {
     const { connection, status } = this;
     const isFrozen = this.#isFrozen(connection.now, mood);
-    const reason = this.refusal || status.reason
+    const isHeld = mood === 'paused' && !this.canvas.hidden; // whatever happens to the camera
+    const reason = this.refusal || (!isHeld && status.reason)
       || (isFrozen ? `No new picture since ${this.#drawn.time}` : '');
     const hasPicture = !this.canvas.hidden;
     this.element.classList.toggle('quiet', Boolean(reason));
