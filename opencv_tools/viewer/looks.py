@@ -26,6 +26,7 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
+from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.pixel_values import describe_pixel, histogram, line_profile
 from opencv_tools.viewer.pixels import Pixels
 from opencv_tools.viewer.protocol import parse_point, parse_region, topic_of, valid_number
@@ -62,13 +63,15 @@ class _Question:
     """
     A question about a picture.
 
-    :param topic: name of the topic.
     :param picture: sequence number of the picture.
-    :param answer: returns the answer, given the pixels of its frame.
+    :param channel: what sends the pictures of the topic; None for nothing.
+    :param frame: the frame of the picture, which waits with the question; None if it is gone.
+    :param answer: returns the answer, given the pixels of the frame.
     """
 
-    topic: str
     picture: int
+    channel: object
+    frame: NewFrame | None
     answer: _Answer
 
 
@@ -76,7 +79,8 @@ class Looks:
     """
     Answer the questions of a page, one after another.
 
-    A question replaces one of the same kind about the same topic that still waits.
+    A question replaces one of the same kind about the same topic that still waits. The frame waits
+    with the question, because the page may draw the next picture meanwhile.
     """
 
     def __init__(self, channel_of: Callable[[str], object],
@@ -104,7 +108,9 @@ class Looks:
             return False
         topic = topic_of(message[kind])
         picture = int(valid_number(message.get('picture'), 'picture', 0, 2**53))
-        self._waiting[kind, topic] = _Question(topic, picture, _ANSWERS[kind](message))
+        channel = self._channel_of(topic)
+        frame = channel.frame_of(picture) if isinstance(channel, Channel) else None
+        self._waiting[kind, topic] = _Question(picture, channel, frame, _ANSWERS[kind](message))
         if len(self._waiting) > len(_ANSWERS) * MAX_LOOKS:
             del self._waiting[kind, topic]
             raise RequestError(f'questions about {MAX_LOOKS} topics wait for an answer: wait')
@@ -120,27 +126,28 @@ class Looks:
 
     async def _answer_all(self) -> None:
         while self._waiting:
-            key = next(iter(self._waiting))
+            kind, topic = key = next(iter(self._waiting))
             question = self._waiting.pop(key)
             try:
-                answer = await self._answer(question)
+                answer = await _answer(question)
             except (CvBridgeError, ImageError, RequestError) as err:
                 answer = {'error': printable(err, MAX_MESSAGE)}
-            await self._write({
-                key[0]: {'topic': question.topic, 'picture': question.picture, **answer}})
+            await self._write({kind: {'topic': topic, 'picture': question.picture, **answer}})
 
-    async def _answer(self, question: _Question) -> _Message:
-        """
-        Return the answer to a question.
 
-        :raises RequestError: the frame of the picture is not kept, or is video.
-        """
-        channel = self._channel_of(question.topic)
-        if channel is not None and not isinstance(channel, Channel):
-            raise RequestError('the browser decodes this video, so the node has no pixels of it: '
-                               'add quality=90 to the address of the page to get images')
-        frame = channel.frame_of(question.picture) if channel else None
-        if channel is None or frame is None:
-            raise RequestError('the node has the frame of this picture no more: resume the page')
-        pixels = await channel.stream.pixels(frame)
-        return await channel.stream.in_pool(question.answer, pixels)
+async def _answer(question: _Question) -> _Message:
+    """
+    Return the answer to a question.
+
+    :raises RequestError: the frame of the picture is not kept, or is video.
+    """
+    channel, frame = question.channel, question.frame
+    if channel is not None and not isinstance(channel, Channel):
+        raise RequestError('the browser decodes this video, so the node has no pixels of it: '
+                           'add quality=90 to the address of the page to get images')
+    if channel is None or frame is None:
+        is_live = channel is not None and not channel.options.held
+        raise RequestError('the node has the frame of this picture no more: '
+                           + ('wait for the next one' if is_live else 'resume the page'))
+    pixels = await channel.stream.pixels(frame)
+    return await channel.stream.in_pool(question.answer, pixels)
