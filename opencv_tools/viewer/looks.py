@@ -40,7 +40,8 @@ _Answer = Callable[[Pixels], _Message]
 
 def _pixel(message: _Message) -> _Answer:
     x, y = parse_point(message.get('at'), 'at')
-    return lambda pixels: {'text': describe_pixel(pixels, x, y)}
+    return lambda pixels: {'text': describe_pixel(pixels, x, y)
+                           + (f' of the {pixels.codec}' if pixels.codec else '')}
 
 
 def _profile(message: _Message) -> _Answer:

@@ -27,10 +27,12 @@ from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.exif import jpeg_orientation, turn_upright
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.viewer.compressed_depth import decode_compressed_depth, is_compressed_depth
 
 _BRIDGE = CvBridge()
+_LOSSY_WEBP, _WEBP_CHUNK = b'WEBPVP8 ', 8  # name of the first chunk, and its place
 #: Encoding of the numbers of a disparity image: as 32FC1, but in pixels, with NaN for none.
 DISPARITY = replace(find_encoding('32FC1'), name='disparity')
 
@@ -42,10 +44,12 @@ class Pixels:
 
     :param image: (h, w) or (h, w, c) array; chroma rows follow the luma rows.
     :param encoding: encoding of the array.
+    :param codec: name of the codec that has changed the values; '' for none.
     """
 
     image: NDArray[Any]
     encoding: Encoding
+    codec: str = ''
 
     @property
     def size(self) -> tuple[int, int]:
@@ -78,4 +82,11 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
     image = decode_image(content)
     if upright:
         image = turn_upright(image, jpeg_orientation(content))
-    return Pixels(image, decoded_encoding(image, message.format))
+    return Pixels(image, decoded_encoding(image, message.format), _lossy_codec(content))
+
+
+def _lossy_codec(content: bytes) -> str:
+    """Return the name of the codec of a file, if it changes values; '' for another file."""
+    if content.startswith(JPEG_SOI):
+        return 'JPEG'
+    return 'WebP' if content.startswith(_LOSSY_WEBP, _WEBP_CHUNK) else ''

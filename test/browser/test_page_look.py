@@ -121,14 +121,14 @@ def test_value_of_a_jpeg_and_of_the_displayed_frame(
     page.wait_for(f'factOf({TOPIC!r}, "zoom")')
     page.evaluate('new Promise((done) => setTimeout(done, 1200))')
     move(page, place_of(page, 9.5, 9.5))
-    page.wait_for(f'{VALUE} === "9, 9: B 50, G 50, R 50"')
+    page.wait_for(f'{VALUE} === "9, 9: B 50, G 50, R 50 of the JPEG"')
     page.press(' ')
     page.wait_for('sent.some((message) => message.held)')
     publish(200)
     move(page, place_of(page, 19.5, 9.5))
-    page.wait_for(f'{VALUE} === "19, 9: B 50, G 50, R 50"')
+    page.wait_for(f'{VALUE} === "19, 9: B 50, G 50, R 50 of the JPEG"')
     page.press(' ')
-    page.wait_for(f'{VALUE} === "19, 9: B 200, G 200, R 200"')
+    page.wait_for(f'{VALUE} === "19, 9: B 200, G 200, R 200 of the JPEG"')
 
 
 def test_zoom_by_wheel_and_pan(viewer: Viewer, browser: Browser, camera: Node) -> None:
@@ -277,7 +277,8 @@ def test_values_of_a_jpeg_that_is_turned(viewer: Viewer, browser: Browser, camer
         page.evaluate('new Promise((done) => setTimeout(done, 1200))')
         for (x, y), level in (((410, 60), 255), ((390, 60), 0), ((410, 120), 0)):
             move(page, place_of(page, x + 0.5, y + 0.5, (480, 640)))
-            page.wait_for(f'{VALUE} === "{x}, {y}: B {level}, G {level}, R {level}"')
+            page.wait_for(f'{VALUE} === "{x}, {y}: B {level}, G {level}, R {level} '
+                          'of the JPEG"')
             color = page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), '
                                   f'{(x + 0.5) / 480}, {(y + 0.5) / 640})')
             assert np.abs(np.array(color) - level).max() < 24

@@ -24,6 +24,7 @@ from threading import Event
 from typing import Any
 
 from console import Console
+import cv2
 from images import oriented_jpeg, UPRIGHT
 import numpy as np
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
@@ -39,6 +40,7 @@ import pytest
 from test_channel import until
 
 OPTIONS = ViewOptions(quality=80, rate=1000.0, looks=True)
+QUALITIES = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
 PIXEL, HISTOGRAM = {'pixel': '/front', 'at': [0, 0]}, {'histogram': '/front', 'region': None}
 
 
@@ -140,7 +142,25 @@ def test_value_of_a_jpeg_that_the_page_shows_turned() -> None:
         for place, level in (([47, 0], 255), ([0, 0], 0), ([47, 63], 0)):
             page.looks.ask({'pixel': '/front', 'at': place, 'picture': picture})
             answer = await page.answer(len(page.answers) + 1)
-            assert answer['text'].startswith(f'B {level}, G {level}, R {level}')
+            assert answer['text'] == f'B {level}, G {level}, R {level} of the JPEG'
+        page.close()
+
+    asyncio.run(work())
+
+
+@pytest.mark.parametrize(('suffix', 'quality', 'end'), [
+    ('.png', None, ''), ('.jpg', 95, ' of the JPEG'), ('.webp', 101, ''),
+    ('.webp', 90, ' of the WebP')])
+def test_value_names_the_codec_that_changes_it(
+        suffix: str, quality: int | None, end: str) -> None:
+    async def work() -> None:
+        page = Asker()
+        content = cv2.imencode(suffix, np.full((48, 64, 3), 90, np.uint8), (
+            () if quality is None else (QUALITIES[suffix], quality)))[1].tobytes()
+        picture = await page.show_message(WireCompressedImage(
+            header=NO_HEADER, format=suffix[1:], data=content))
+        page.looks.ask({**PIXEL, 'picture': picture})
+        assert (await page.answer(1))['text'] == f'B 90, G 90, R 90{end}'
         page.close()
 
     asyncio.run(work())
