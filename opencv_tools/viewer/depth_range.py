@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -25,8 +26,10 @@ from numpy.typing import NDArray
 #: Smallest and largest number of a picture.
 Limits = tuple[float, float]
 
+#: Largest number of a range, so that differences are finite.
+LARGEST = 1e300
+
 # Parts of the pixels that are below and above the range: a few wild pixels do not change it.
-_LARGEST = 1e300  # so that differences are finite
 _PERCENTILES = 2, 98
 # Time in which the range follows to two thirds.
 _FOLLOW_SECONDS = 2.0
@@ -41,8 +44,43 @@ def measure_limits(numbers: NDArray[Any]) -> Limits:
     if not numbers.size:
         return 0.0, 0.0
     low, high = np.percentile(numbers, _PERCENTILES, method='nearest')
-    low, high = (min(_LARGEST, max(-_LARGEST, float(one))) for one in (low, high))
-    return low, high
+    return within_range(low), within_range(high)
+
+
+def within_range(number: float) -> float:
+    """Return a finite number, or the nearest one that a range may have."""
+    return min(LARGEST, max(-LARGEST, float(number)))
+
+
+@dataclass(frozen=True)
+class Steady:
+    """
+    Limits that a frame changes.
+
+    :param limits: limits before the frame; None if there are none.
+    :param part: part of the way that they follow those of the frame, 0 to 1.
+    """
+
+    limits: Limits | None = None
+    part: float = 0.0
+
+    def after(self, measured: Limits) -> Limits:
+        """
+        Return the limits after a frame.
+
+        :param measured: limits of the numbers of the frame; those of another scene are used as
+            they are.
+        """
+        before = self.limits
+        if before is None or measured[0] > before[1] or measured[1] < before[0]:
+            return measured
+        low, high = (old + (new - old) * self.part
+                     for old, new in zip(before, measured, strict=True))
+        return low, high
+
+
+#: No limits before the frame.
+NO_LIMITS = Steady()
 
 
 class DepthRange:
@@ -55,8 +93,16 @@ class DepthRange:
 
     @property
     def limits(self) -> Limits | None:
-        """Limits of the next picture; None for those of the picture itself."""
+        """Limits after the last frame; None before the first one."""
         return self._limits
+
+    def at(self, now: float) -> Steady:
+        """
+        Return how a frame changes the limits.
+
+        :param now: monotonic clock in seconds.
+        """
+        return Steady(self._limits, 1 - math.exp(-(now - self._followed_at) / _FOLLOW_SECONDS))
 
     def follow(self, measured: Limits, now: float) -> None:
         """
@@ -65,12 +111,5 @@ class DepthRange:
         :param measured: limits of the numbers of the frame.
         :param now: monotonic clock in seconds.
         """
-        before = self._limits
-        if before is None or measured[0] > before[1] or measured[1] < before[0]:
-            self._limits = measured  # the first one, or another scene
-        else:
-            part = 1 - math.exp(-(now - self._followed_at) / _FOLLOW_SECONDS)
-            low, high = (old + (new - old) * part
-                         for old, new in zip(before, measured, strict=True))
-            self._limits = low, high
+        self._limits = self.at(now).after(measured)
         self._followed_at = now

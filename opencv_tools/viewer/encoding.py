@@ -33,6 +33,7 @@ from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import check_complete, convert_image, MAX_SIDES
 from opencv_tools.viewer.depth_colors import color_numbers, is_number, measure_image, UNITS
+from opencv_tools.viewer.depth_range import NO_LIMITS, Steady
 from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.pixels import Pixels, read_pixels
 from opencv_tools.viewer.region import Region, region_within
@@ -109,14 +110,14 @@ class Picture:
 
 
 def encode_picture(
-    message: WireMessage, options: PictureOptions, steady: tuple[float, float] | None = None,
+    message: WireMessage, options: PictureOptions, steady: Steady = NO_LIMITS,
 ) -> Picture:
     """
     Convert an image message to a JPEG.
 
     :param message: raw or compressed image.
     :param options: size and quality.
-    :param steady: limits of numbers if the options have none; None for those of the image.
+    :param steady: limits that the image changes, if the options have none.
     :returns: the picture, which is never larger than the image.
     :raises ImageError: the message is not a valid image.
     :raises CvBridgeError: the message is not a valid image, or its encoding cannot be shown.
@@ -127,7 +128,7 @@ def encode_picture(
 
 
 def picture_or_reason(
-    message: WireMessage, options: PictureOptions, steady: tuple[float, float] | None,
+    message: WireMessage, options: PictureOptions, steady: Steady,
 ) -> Picture | str:
     """Return the picture of a message, or the reason why it has none."""
     try:
@@ -137,7 +138,7 @@ def picture_or_reason(
 
 
 def _encode_compressed(
-    message: WireCompressedImage, options: PictureOptions, steady: tuple[float, float] | None,
+    message: WireCompressedImage, options: PictureOptions, steady: Steady,
 ) -> Picture:
     content = bytes(message.data)
     described = parse_format(message.format).codec[:20]
@@ -172,7 +173,7 @@ def _encode_compressed(
 
 
 def _encode_pixels(
-    pixels: Pixels, options: PictureOptions, steady: tuple[float, float] | None,
+    pixels: Pixels, options: PictureOptions, steady: Steady,
 ) -> Picture:
     """Crop, scale, convert and encode an array."""
     image, encoding = pixels.image, pixels.encoding
@@ -189,7 +190,7 @@ def _encode_pixels(
     width = options.width_for(image.shape[1], image.shape[0])
     if is_number(encoding):
         measured = measure_image(pixels.image, encoding)
-        limits = options.limits or steady or measured
+        limits = options.limits or steady.after(measured)
         shown = color_numbers(pick(image, width), encoding, limits, options.colors)
     else:
         is_small = np.dtype(encoding.dtype) == np.uint8

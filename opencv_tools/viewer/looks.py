@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from opencv_tools.cv_bridge import CvBridgeError
@@ -26,7 +27,6 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.image.text import printable
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.pixel_values import describe_pixel, histogram, line_profile
 from opencv_tools.viewer.pixels import Pixels
 from opencv_tools.viewer.protocol import parse_point, parse_region, topic_of, valid_number
@@ -66,13 +66,14 @@ class _Question:
 
     :param picture: sequence number of the picture.
     :param channel: what sends the pictures of the topic; None for nothing.
-    :param frame: the frame of the picture, which waits with the question; None if it is gone.
-    :param answer: returns the answer, given the pixels of the frame.
+    :param read: reads the pixels of the frame, which waits with the question; None if the frame
+        is gone.
+    :param answer: returns the answer, given the pixels.
     """
 
     picture: int
     channel: object
-    frame: NewFrame | None
+    read: Callable[[], Awaitable[Pixels]] | None
     answer: _Answer
 
 
@@ -110,8 +111,10 @@ class Looks:
         topic = topic_of(message[kind])
         picture = int(valid_number(message.get('picture'), 'picture', 0, 2**53))
         channel = self._channel_of(topic)
-        frame = channel.frame_of(picture) if isinstance(channel, Channel) else None
-        self._waiting[kind, topic] = _Question(picture, channel, frame, _ANSWERS[kind](message))
+        read = None
+        if isinstance(channel, Channel) and (frame := channel.frame_of(picture)):
+            read = partial(channel.stream.pixels, frame)
+        self._waiting[kind, topic] = _Question(picture, channel, read, _ANSWERS[kind](message))
         if len(self._waiting) > len(_ANSWERS) * MAX_LOOKS:
             del self._waiting[kind, topic]
             raise RequestError(f'questions about {MAX_LOOKS} topics wait for an answer: wait')
@@ -142,13 +145,12 @@ async def _answer(question: _Question) -> _Message:
 
     :raises RequestError: the frame of the picture is not kept, or is video.
     """
-    channel, frame = question.channel, question.frame
+    channel = question.channel
     if channel is not None and not isinstance(channel, Channel):
         raise RequestError('the browser decodes this video, so the node has no pixels of it: '
                            'add quality=90 to the address of the page to get images')
-    if channel is None or frame is None:
+    if channel is None or question.read is None:
         is_live = channel is not None and not channel.options.held
         raise RequestError('the node has the frame of this picture no more: '
                            + ('wait for the next one' if is_live else 'resume the page'))
-    pixels = await channel.stream.pixels(frame)
-    return await channel.stream.in_pool(question.answer, pixels)
+    return await channel.stream.in_pool(question.answer, await question.read())

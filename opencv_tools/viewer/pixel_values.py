@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import CodecError
+from opencv_tools.viewer.depth_range import within_range
 from opencv_tools.viewer.pixels import DISPARITY, Pixels
 from opencv_tools.viewer.region import Region, region_within
 
@@ -31,7 +32,6 @@ MAX_SAMPLES, BINS = 512, 64
 _MAX_VALUES, _MAX_CURVES = 8, 3
 # Pixels that a histogram counts at most.
 _MAX_COUNTED = 500_000
-_LARGEST = 1e300  # of a histogram, so that differences are finite
 _MILLIMETRES = 1000  # in a metre, the unit of depth in 16 bits
 
 _Chart = dict[str, Any]
@@ -129,7 +129,7 @@ def _limits(found: list[NDArray[Any]]) -> tuple[float, float]:
     numbers = [values for values in found if values.size]
     low = min((float(values.min()) for values in numbers), default=0.0)
     high = max((float(values.max()) for values in numbers), default=1.0)
-    low, high = (min(_LARGEST, max(-_LARGEST, one)) for one in (low, high))
+    low, high = within_range(low), within_range(high)
     return (low, high) if low < high else (low, low + max(1.0, abs(low)))
 
 

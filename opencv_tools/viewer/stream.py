@@ -24,7 +24,7 @@ from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from opencv_tools.logs import Log
-from opencv_tools.viewer.depth_range import DepthRange
+from opencv_tools.viewer.depth_range import DepthRange, Steady
 from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.pixels import Pixels, read_pixels
@@ -119,10 +119,14 @@ class Stream:
         number, future = self._pictures.get(options, (0, None))
         if future is None or number != frame.number:
             self.encodings += 1
+            # A frame that is encoded again, or that a page holds, keeps its colours.
+            began = self._loop.time()
+            steady = (self._range.at(began) if frame.number > self._newest_number
+                      else Steady(self._range.limits))
             future = self._loop.run_in_executor(
-                self._pool, picture_or_reason, frame.message, options, self._range.limits)
+                self._pool, picture_or_reason, frame.message, options, steady)
             future.add_done_callback(
-                lambda done: self.record(frame.number, done.result()))
+                lambda done: self.record(frame.number, done.result(), began))
             kept = [(key, value) for key, value in self._pictures.items()
                     if value[0] == frame.number]
             self._pictures = dict(kept[-_MAX_PICTURES:])
@@ -174,22 +178,23 @@ class Stream:
         call = partial(function, *args, **keywords)
         return await self._loop.run_in_executor(self._pool, call)
 
-    def record(self, number: int, outcome: Picture | str) -> None:
+    def record(self, number: int, outcome: Picture | str, began: float = 0.0) -> None:
         """
         Record the outcome of an encoding.
 
         :param number: number of the frame; negative for one that a page has stepped to.
         :param outcome: the picture, or the reason why there is none.
+        :param began: time when the encoding of a picture of numbers began.
         """
         if number < 0:
             return
         if isinstance(outcome, Picture):
             if number < self._newest_number:
                 return  # a page holds this frame, and looks into it
+            if outcome.measured and number > self._newest_number:
+                self._range.follow(outcome.measured, began)
             self._newest_number = number
             self.last_picture = outcome
-            if outcome.measured:
-                self._range.follow(outcome.measured, self._loop.time())
             self._error = ''
             return
         self._error = outcome

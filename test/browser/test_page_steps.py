@@ -160,7 +160,8 @@ def check(page: Page, number: int, text: str) -> None:
     assert np.abs(np.array(shown[::-1]) - values_of(number)).max() < 12
     move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
     blue, green, red = json.loads(page.wait_for(
-        f'(() => {{ const found = /^40, 220: B ([0-9]+), G ([0-9]+), R ([0-9]+)( of the JPEG)?$/.exec({VALUE}); '
+        '(() => { const found = /^40, 220: B ([0-9]+), G ([0-9]+), R ([0-9]+)( of the JPEG)?$/'
+        f'.exec({VALUE}); '
         f'return found && Math.abs(found[1] - {values_of(number)[0]}) < 5 '
         '&& JSON.stringify(found.slice(1, 4).map(Number)); })()'))
     assert np.abs(np.array([blue, green, red]) - values_of(number)).max() < 5

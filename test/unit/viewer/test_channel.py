@@ -367,3 +367,36 @@ def test_range_of_a_page_is_not_that_of_another_page() -> None:
         assert automatic[0] > 1000
 
     run(work)
+
+
+def depth_from(low: int) -> WireImage:
+    """Return an image with depths from a number to 640 more."""
+    return array_to_wire(np.tile(np.arange(low, low + 640).astype(np.uint16), (480, 1)),
+                         find_encoding('16UC1'))
+
+
+def test_first_picture_of_another_scene_has_its_range() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream)
+        for count, low in enumerate((1000, 5000, 200), 1):
+            stream.feed.put(ReceivedMessage(depth_from(low), 0))
+            limits = (await page.wait(count)).limits
+            assert limits == pytest.approx((low + 13, low + 626), abs=3)
+            assert page.channel.status()['range'] == pytest.approx(limits)
+            page.channel.answered(count)
+
+    run(work)
+
+
+def test_held_picture_keeps_its_colours() -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream, replace(OPTIONS, looks=True))
+        for count, low in enumerate((1000, 1500), 1):
+            stream.feed.put(ReceivedMessage(depth_from(low), 0))
+            limits = (await page.wait(count)).limits
+            page.channel.answered(count)
+        page.channel.set_options(replace(
+            OPTIONS, looks=True, held=True, region=Region(x=0, y=0, width=64, height=48)))
+        assert (await page.wait(3)).limits == limits
+
+    run(work)

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import numpy as np
-from opencv_tools.viewer.depth_range import DepthRange, measure_limits
+from opencv_tools.viewer.depth_range import DepthRange, measure_limits, Steady
 import pytest
 
 
@@ -46,6 +46,18 @@ def test_another_scene_has_its_range_at_once() -> None:
     followed.follow((1000.0, 3000.0), 0.0)
     followed.follow((3001.0, 9000.0), 0.1)
     assert followed.limits == (3001, 9000)
+
+
+def test_frame_is_shown_with_the_limits_after_it() -> None:
+    followed = DepthRange()
+    assert followed.at(0.0).after((1000.0, 3000.0)) == (1000, 3000)
+    followed.follow((1000.0, 3000.0), 0.0)
+    assert followed.at(0.0).after((1000.0, 9000.0)) == (1000, 3000)
+    assert followed.at(0.0).after((4000.0, 9000.0)) == (4000, 9000)  # another scene
+    late = followed.at(60.0).after((1500.0, 9000.0))  # a camera with a frame a minute
+    assert late == pytest.approx((1500, 9000))
+    assert followed.limits == (1000, 3000)
+    assert Steady((1000.0, 3000.0)).after((1500.0, 9000.0)) == (1000, 3000)
 
 
 def test_limits_of_most_numbers() -> None:

@@ -25,6 +25,7 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
+from opencv_tools.viewer.depth_range import Steady
 from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
 from opencv_tools.viewer.region import Region
 import pytest
@@ -315,9 +316,9 @@ def test_wild_pixels_do_not_change_the_range() -> None:
 
 def test_steady_range_is_used_unless_a_range_is_chosen() -> None:
     depth = wire(np.tile(np.arange(1000, 1640).astype(np.uint16), (480, 1)), '16UC1')
-    picture = encode_picture(depth, FULL, (0.0, 5000.0))
+    picture = encode_picture(depth, FULL, Steady((0.0, 5000.0)))
     assert picture.limits == (0, 5000) and picture.measured == pytest.approx((1013, 1626), abs=3)
-    chosen = encode_picture(depth, PictureOptions(0, 95, limits=(1, 2)), (0.0, 5000.0))
+    chosen = encode_picture(depth, PictureOptions(0, 95, limits=(1, 2)), Steady((0.0, 5000.0)))
     assert chosen.limits == (1, 2)
     region = PictureOptions(0, 95, region=REGION)
     assert encode_picture(depth, region).measured == picture.measured  # of the whole image
