@@ -24,6 +24,7 @@ import time
 from typing import Any
 
 from opencv_tools.video.packet import CODECS, VideoPacket
+from opencv_tools.viewer.depth_range import LARGEST
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.region import Region
 
@@ -209,8 +210,10 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
     if limits is not None:
         if not isinstance(limits, list) or len(limits) != 2:
             raise RequestError('range is not a list of two numbers')
-        limits = (valid_number(limits[0], 'range', -math.inf, math.inf),
-                  valid_number(limits[1], 'range', -math.inf, math.inf))
+        low, high = (valid_number(limit, 'range', -LARGEST, LARGEST) for limit in limits)
+        if not low < high:
+            raise RequestError(f'range is {low:g},{high:g}: give the lower number first')
+        limits = low, high
     colors = message.get('colors', COLORS[0])
     if colors not in COLORS:
         raise RequestError(f'colors is {str(colors)[:40]!r}: give one of {", ".join(COLORS)}')
@@ -264,9 +267,9 @@ def valid_number(value: Any, name: str, low: float, high: float) -> float:
     :raises RequestError: the value is invalid.
     """
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not is_number or not low <= value <= high or abs(value) > 1e300:
-        raise RequestError(f'{name} is {str(value)[:40]!r}: give a number'
-                           + (f' from {low:g} to {high:g}' if math.isfinite(high) else ''))
+    if not is_number or not low <= value <= high:
+        raise RequestError(
+            f'{name} is {str(value)[:40]!r}: give a number from {low:g} to {high:g}')
     return float(value)
 
 

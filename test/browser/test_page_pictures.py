@@ -360,6 +360,18 @@ def test_equal_limits_are_not_used(viewer: Viewer, browser: Browser, camera: Nod
     assert page.evaluate('new URL(location).searchParams.get("range")') == '1,2'
 
 
+@pytest.mark.parametrize('limits', ['4000,300', '500,1e305', '5', '7,7'])
+def test_range_of_the_address_that_is_refused(
+        limits: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, '/depth', LATCHED).publish_image(np.eye(48, 64, dtype=np.uint16), '16UC1')
+    page = browser.new_page(f'{viewer.url}?topic=/depth&range={limits}')
+    page.wait_for('numberOf("/depth") >= 0')  # with the automatic range
+    page.wait_for('document.getElementById("automatic").checked')
+    assert page.evaluate('document.getElementById("notice").textContent') == (
+        f'The range {limits} is not used: give two numbers, the lower one first.')
+    assert page.complaints() == []
+
+
 def test_keys_in_a_field(viewer: Viewer, browser: Browser, camera: Node) -> None:
     Camera(camera, '/depth', LATCHED).publish_image(np.eye(48, 64, dtype=np.uint16), '16UC1')
     Camera(camera, '/other')

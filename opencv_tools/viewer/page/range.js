@@ -14,11 +14,20 @@
 
 const part = (id) => document.getElementById(id);
 
-/** Return two different numbers that a comma separates; null for another text. */
+const LARGEST = 1e300; // of the node
+
+/** Return two numbers that a comma separates, the lower one first; null for another text. */
 export function readLimits(text) {
   const limits = (text ?? '').split(',').map(Number);
-  const isValid = limits.length === 2 && limits.every(Number.isFinite) && limits[0] !== limits[1];
+  const isValid = limits.length === 2 && limits[0] < limits[1]
+    && limits.every((one) => Math.abs(one) <= LARGEST);
   return isValid ? limits : null;
+}
+
+/** Return the sentence about limits in the address that are not used; '' if there are none. */
+export function explainLimits(text) {
+  return !text || readLimits(text) ? ''
+    : `The range ${text} is not used: give two numbers, the lower one first.`;
 }
 
 /** Return a number with its unit. */
@@ -67,7 +76,7 @@ export class RangeForm {
 
   #change() {
     const limits = readLimits(`${part('low').valueAsNumber},${part('high').valueAsNumber}`);
-    part('high').setCustomValidity(limits ? '' : 'Give two different numbers.');
+    part('high').setCustomValidity(limits ? '' : 'Give two numbers, the lower one first.');
     const { value: colors, options: [first] } = part('colors');
     const isValid = part('automatic').checked || this.#form.reportValidity();
     if (isValid) this.#onChange(part('automatic').checked ? null : limits,

@@ -19,7 +19,7 @@ import { Controls } from './controls.js';
 import { arrange } from './grid.js';
 import { listenToKeys } from './keys.js';
 import { OverlayForm } from './overlay.js';
-import { RangeForm, readLimits } from './range.js';
+import { explainLimits, RangeForm, readLimits } from './range.js';
 import { Recording } from './record.js';
 import { isRectified, rectifiedOf } from './rectified.js';
 import { Robot } from './robot.js';
@@ -71,7 +71,7 @@ const connection = new Connection({
     steps.reset();
     controls.enable(control);
     recording.enable();
-    notify('');
+    notify(explainLimits(given.get('range')));
     layOut();
   },
   disconnected(sentence) {

@@ -88,7 +88,8 @@ def test_options_of_a_subscription() -> None:
     {'width': -1}, {'width': 65_536}, {'width': '640'}, {'width': True}, {'width': None},
     {'width': [1]}, {'quality': 101}, {'rate': 1001}, {'rate': -1}, {'rate': 10**400},
     {'range': [1]}, {'range': 5}, {'range': [1, 'a']}, {'range': [1, 10**400]},
-    {'range': [0, 1e308]}, {'region': 5}, {'region': [0, 0, 1]}, {'region': [0, 0, 1, 1, 1]},
+    {'range': [0, 1e308]}, {'range': [-1e301, 0]}, {'range': [4000, 300]}, {'range': [5, 5]},
+    {'region': 5}, {'region': [0, 0, 1]}, {'region': [0, 0, 1, 1, 1]},
     {'region': [-1, 0, 1, 1]}, {'region': [0, 0, 0, 1]}, {'region': [0, 0, 1, 2**32]},
     {'region': [0, 0, 1, '1']}, {'region': [0, 0, 1, None]}, {'region': [0, 0, 1, 10**400]}])
 def test_invalid_options_are_refused(message: dict[str, object]) -> None:
