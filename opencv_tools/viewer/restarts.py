@@ -39,11 +39,13 @@ class _Sender:
     A publisher that has sent frames.
 
     :param first_ns: stamp of its first frame in nanoseconds.
-    :param begun: time of its first frame.
+    :param first_at: time of its first frame.
+    :param begun: time of its first frame, or of its discovery if that was earlier.
     :param rivals: publishers that it may replace.
     """
 
     first_ns: int
+    first_at: float
     begun: float
     rivals: set[bytes]
     last_ns: int = 0
@@ -52,13 +54,13 @@ class _Sender:
     topic: str = ''  # '' until the graph has it
 
     def __post_init__(self) -> None:
-        self.last_at = self.begun
+        self.last_at = self.first_at
 
     def replaces(self, other: _Sender) -> bool:
         """Return whether it sends, and another publisher of its topic has fallen silent."""
         if other.frames < 2 or self.topic != other.topic:
             return False
-        period = (other.last_at - other.begun) / (other.frames - 1)
+        period = (other.last_at - other.first_at) / (other.frames - 1)
         silence = self.last_at - other.last_at
         return (self.begun - other.last_at < _GRAPH_SECONDS
                 and silence > max(_SILENT_SECONDS, _SILENT_PERIODS * period))
@@ -80,6 +82,7 @@ class Restarts:
         """
         self._clock = clock
         self._senders: dict[bytes, _Sender] = {}
+        self._found: dict[bytes, float] = {}  # times of discovery
         self._restarted_at: float | None = None
 
     @property
@@ -93,7 +96,8 @@ class Restarts:
         sender = self._senders.get(publisher)
         if sender is None:
             rivals = {*self._senders} - {b''} if publisher else set()
-            sender = self._senders[publisher] = _Sender(stamp_ns, now, rivals)
+            sender = self._senders[publisher] = _Sender(
+                stamp_ns, now, self._found.get(publisher, now), rivals)
             if len(self._senders) > _MAX_SENDERS:
                 del self._senders[next(iter(self._senders))]
         elif stamp_ns < sender.last_ns - NANO and stamp_ns <= sender.first_ns + NANO:
@@ -109,6 +113,7 @@ class Restarts:
         :param present: topics of the publishers in the graph.
         """
         now = self._clock()
+        self._found = {key: self._found.get(key, now) for key in present}
         for key, sender in self._senders.items():
             sender.topic = present.get(key, sender.topic)
         for sender in tuple(self._senders.values()):

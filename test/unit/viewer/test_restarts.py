@@ -96,6 +96,17 @@ def test_another_transport_of_the_same_camera() -> None:
     assert cameras.restarts.seconds is None
 
 
+def test_transport_that_the_same_camera_gives_up() -> None:
+    cameras = Cameras()
+    graph = {b'raw': TOPIC, b'jpeg': f'{TOPIC}/compressed'}
+    for _ in range(2):
+        cameras.send(1, b'jpeg', graph=graph)
+    del graph[b'jpeg']
+    for _ in range(9):
+        cameras.send(1, b'raw', graph=graph)
+    assert cameras.restarts.seconds is None
+
+
 def test_slow_and_latched_publishers_that_another_one_joins() -> None:
     cameras = Cameras()
     cameras.restarts.add(b'old', 0)
