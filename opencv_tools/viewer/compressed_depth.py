@@ -16,52 +16,74 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 import struct
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import CodecError
-from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.image_size import check_size, image_size
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import decode_image
 
+#: What the format string of such an image has.
+COMPRESSED_DEPTH = 'compressedDepth'
+
 # Number of the kind of compression, and two parameters of the quantisation.
 _HEAD = struct.Struct('<iff')
+# A depth camera has fewer; a PNG of a single depth has 250 KB for four times as many.
+_MAX_PIXELS = 2**25
 _PNG = b'\x89PNG'
+
+
+@dataclass(frozen=True)
+class Quantisation:
+    """
+    How a float is stored as the number ``numerator / depth + offset`` of 16 bits.
+
+    The number 0 means that there is no depth.
+    """
+
+    numerator: float
+    offset: float
+
+    def depth_of(self, stored: NDArray[Any]) -> NDArray[np.float32]:
+        """Return the depth of stored numbers in metres, with NaN for none."""
+        depth = stored.astype(np.float32)
+        with np.errstate(all='ignore'):
+            depth -= np.float32(self.offset)
+            np.divide(np.float32(self.numerator), depth, out=depth)
+        depth[(stored == 0) | ~np.isfinite(depth)] = np.nan
+        return depth
 
 
 def is_compressed_depth(format_text: str) -> bool:
     """Return whether a message is an image of depth, given its format string."""
-    return 'compressedDepth' in format_text
+    return COMPRESSED_DEPTH in format_text
 
 
-def decode_compressed_depth(content: bytes, format_text: str) -> tuple[NDArray[Any], Encoding]:
+def decode_compressed_depth(
+    content: bytes, format_text: str,
+) -> tuple[NDArray[np.uint16], Quantisation | None]:
     """
     Decode an image of depth.
 
-    A float is stored as the number ``a / depth + b`` of 16 bits, where 0 means that there is no
-    depth; ``a`` and ``b`` are in the head before the PNG.
-
     :param content: content of the message.
     :param format_text: format string, such as ``'32FC1; compressedDepth png'``.
-    :returns: (h, w) uint16 array in millimetres, or float32 array in metres with NaN.
+    :returns: (h, w) array, and how it stores floats; None for millimetres. Only the pixels that
+        somebody needs become floats, because a small message may have many pixels.
     :raises CodecError: the content is not a PNG of 16 bits behind a head.
+    :raises SizeError: the image has too many pixels.
     """
     if len(content) < _HEAD.size or not content.startswith(_PNG, _HEAD.size):
         raise CodecError(f'{printable(format_text, 40)!r} of {len(content)} bytes is not a PNG of '
                          'depth: set the parameter compressedDepth.format of the camera to png')
     picture = content[_HEAD.size:]
-    check_size(*image_size(picture), MAX_PIXELS)
+    check_size(*image_size(picture), _MAX_PIXELS)
     image = decode_image(picture)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise CodecError(f'a PNG of depth has 16 bits and one channel, not {image.dtype} '
                          f'and {image.ndim} dimensions')
-    if not format_text.startswith('32FC1'):
-        return image, find_encoding('16UC1')
     _, numerator, offset = _HEAD.unpack_from(content)
-    with np.errstate(all='ignore'):
-        depth = (np.float32(numerator) / (image.astype(np.float32) - np.float32(offset)))
-    depth[(image == 0) | ~np.isfinite(depth)] = np.nan
-    return depth, find_encoding('32FC1')
+    return image, Quantisation(numerator, offset) if format_text.startswith('32FC1') else None

@@ -25,7 +25,7 @@ from opencv_tools.cv_bridge import cvtColorForDisplay
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image_codecs import apply_colormap
 from opencv_tools.viewer.depth_range import Limits, measure_limits
-from opencv_tools.viewer.pixels import DISPARITY
+from opencv_tools.viewer.pixels import DISPARITY, Pixels
 
 #: Units of the encodings of depth, by REP 118, and of disparity.
 UNITS = {'16UC1': 'mm', '32FC1': 'm', DISPARITY.name: 'px'}
@@ -43,11 +43,11 @@ def is_number(encoding: Encoding) -> bool:
             and encoding.name != '32SC1' and np.dtype(encoding.dtype) != np.uint8)
 
 
-def measure_image(image: NDArray[Any], encoding: Encoding) -> Limits:
+def measure_image(pixels: Pixels) -> Limits:
     """Return the limits of most numbers of an image."""
-    step = int(np.ceil(np.sqrt(image.size / _MEASURED))) or 1
-    numbers = image[::step, ::step]
-    return measure_limits(numbers[~_missing(numbers, encoding)])
+    step = int(np.ceil(np.sqrt(pixels.image.size / _MEASURED))) or 1
+    numbers = pixels.numbers(pixels.image[::step, ::step])
+    return measure_limits(numbers[~missing_numbers(numbers, pixels.encoding)])
 
 
 def color_numbers(
@@ -67,15 +67,16 @@ def color_numbers(
     colormap, no_number = _COLORS[colors if encoding.name in UNITS else 'gray']
     if colormap is not None:
         shown = apply_colormap(shown, colormap)
-    missing = _missing(image, encoding)
+    missing = missing_numbers(image, encoding)
     if missing.any():
         shown = shown if shown.ndim == 3 else cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR)
         shown[missing] = no_number
     return shown
 
 
-def _missing(image: NDArray[Any], encoding: Encoding) -> NDArray[np.bool_]:
+def missing_numbers(image: NDArray[Any], encoding: Encoding) -> NDArray[np.bool_]:
     """Return which pixels have no number; 0 in an image of depth means no depth."""
     missing = ~np.isfinite(image)
-    has_zeros = encoding.name in UNITS and encoding is not DISPARITY
-    return missing | (image == 0) if has_zeros else missing
+    if encoding.name in UNITS and encoding is not DISPARITY:
+        missing |= image == 0
+    return missing

@@ -32,6 +32,7 @@ from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import check_complete, convert_image, MAX_SIDES
+from opencv_tools.viewer.compressed_depth import COMPRESSED_DEPTH, is_compressed_depth
 from opencv_tools.viewer.depth_colors import color_numbers, is_number, measure_image, UNITS
 from opencv_tools.viewer.depth_range import NO_LIMITS, Steady
 from opencv_tools.viewer.errors import MAX_MESSAGE
@@ -143,7 +144,9 @@ def _encode_compressed(
     content = bytes(message.data)
     described = parse_format(message.format).codec[:20]
     if not content.startswith(JPEG_SOI):
-        return replace(_encode_pixels(read_pixels(message), options, steady), encoding=described)
+        picture = _encode_pixels(read_pixels(message), options, steady)
+        return replace(picture, encoding=f'{picture.encoding} {COMPRESSED_DEPTH}' if (
+            is_compressed_depth(message.format)) else described)
     orientation = jpeg_orientation(content)
     width, height = jpeg_size(content)
     check_size(width, height, MAX_PIXELS)
@@ -189,9 +192,10 @@ def _encode_pixels(
         image, encoding = convert_image(image, encoding, target), target
     width = options.width_for(image.shape[1], image.shape[0])
     if is_number(encoding):
-        measured = measure_image(pixels.image, encoding)
+        measured = measure_image(pixels)
         limits = options.limits or steady.after(measured)
-        shown = color_numbers(pick(image, width), encoding, limits, options.colors)
+        shown = color_numbers(
+            pixels.numbers(pick(image, width)), encoding, limits, options.colors)
     else:
         is_small = np.dtype(encoding.dtype) == np.uint8
         name = 'mono8' if encoding.channels == 1 and is_small else 'bgr8'

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import CodecError
+from opencv_tools.viewer.depth_colors import missing_numbers, UNITS
 from opencv_tools.viewer.depth_range import within_range
 from opencv_tools.viewer.pixels import DISPARITY, Pixels
 from opencv_tools.viewer.region import Region, region_within
@@ -48,7 +49,7 @@ def describe_pixel(pixels: Pixels, x: int, y: int) -> str:
     if encoding.kind == 'yuv':
         return ', '.join(f'{name} {value}' for name, value in
                          zip('YUV', _yuv_values(image, encoding, x, y), strict=True))
-    values = np.atleast_1d(image[y, x])
+    values = np.atleast_1d(pixels.numbers(image[y:y + 1, x:x + 1])[0, 0])
     if encoding.kind == 'bayer':
         return f'{encoding.order[y % 2 * 2 + x % 2].upper()} {values[0]}'
     if encoding.kind == 'color' and encoding.order != 'y':
@@ -78,7 +79,7 @@ def line_profile(pixels: Pixels, begin: tuple[int, int], end: tuple[int, int]) -
     count = min(MAX_SAMPLES, max(abs(begin[0] - end[0]), abs(begin[1] - end[1])) + 1)
     columns, rows = (np.linspace(first, last, count).round().astype(int)
                      for first, last in zip(begin, end, strict=True))
-    curves = [plane[rows, columns].astype(float) for plane in planes]
+    curves = [pixels.numbers(plane[rows, columns]).astype(float) for plane in planes]
     finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
     return {'names': names, 'low': float(finite.min(initial=np.inf)) if finite.size else None,
             'high': float(finite.max(initial=-np.inf)) if finite.size else None,
@@ -93,44 +94,48 @@ def histogram(pixels: Pixels, region: Region | None) -> _Chart:
     :param region: the part; None for the whole image.
     :returns: ``names`` and ``curves``, the parts of all pixels in each bin, from ``low`` to
         ``high``; and the parts of the pixels that are ``over`` and ``under`` exposed, with the
-        largest or the smallest value of their type, and that have no number (``missing``).
+        largest or the smallest value of their type, and that have no number (``missing``), with
+        what they lack (``lacking``). ``low`` and ``high`` are None if all pixels lack it.
     """
     planes, names = _planes(pixels)
     part = region_within(region, *pixels.size)
     step = int(np.ceil(np.sqrt(part.width * part.height / _MAX_COUNTED))) or 1
     if pixels.encoding.kind == 'bayer':
         step |= 1  # so that all colours are counted
-    planes = [part.crop(plane)[::step, ::step] for plane in planes]
-    dtype = planes[0].dtype
-    is_valid = np.ones(planes[0].shape, bool) if dtype.kind != 'f' else np.logical_and.reduce(
-        [np.isfinite(plane) for plane in planes])
+    planes = [pixels.numbers(part.crop(plane)[::step, ::step]) for plane in planes]
+    dtype, has_depth = planes[0].dtype, pixels.encoding.name in UNITS
+    missing = np.logical_or.reduce([missing_numbers(plane, pixels.encoding) for plane in planes])
     over = under = np.zeros(planes[0].shape, bool)
-    if dtype.kind == 'u':
+    if dtype.kind == 'u' and not has_depth:
         over = np.logical_or.reduce([plane == np.iinfo(dtype).max for plane in planes])
         under = np.logical_and.reduce([plane == 0 for plane in planes])
-    found = [plane[is_valid] for plane in planes]
+    found = [plane[~missing] for plane in planes]
     low, high = (0.0, 255.0) if dtype == np.uint8 else _limits(found)
-    count = max(1, is_valid.size)
+    count = max(1, missing.size)
+    lacking = 'depth' if has_depth else 'a number'
     return {'names': names, 'low': low, 'high': high,
             'over': float(over.mean()), 'under': float(under.mean()),
-            'missing': float(1 - is_valid.sum() / count),
+            'missing': float(missing.mean()),
+            'lacking': DISPARITY.name if pixels.encoding is DISPARITY else lacking,
             'curves': [(_count(values, low, high) / count).tolist() for values in found]}
 
 
-def _count(values: NDArray[Any], low: float, high: float) -> NDArray[Any]:
-    """Count values in bins of equal width."""
+def _count(values: NDArray[Any], low: float | None, high: float | None) -> NDArray[Any]:
+    """Count values in bins of equal width; equal values are in the middle."""
     if values.dtype == np.uint8:
         return np.bincount(values >> 2, minlength=BINS)
+    if low is None or high is None or low == high:
+        return np.eye(1, BINS, BINS // 2)[0] * values.size
     return np.histogram(values.astype(float), BINS, (low, high))[0]
 
 
-def _limits(found: list[NDArray[Any]]) -> tuple[float, float]:
-    """Return the smallest and the largest number, which differ; larger ones are left out."""
+def _limits(found: list[NDArray[Any]]) -> tuple[float, float] | tuple[None, None]:
+    """Return the smallest and the largest number, if any; larger ones than a range has are cut."""
     numbers = [values for values in found if values.size]
-    low = min((float(values.min()) for values in numbers), default=0.0)
-    high = max((float(values.max()) for values in numbers), default=1.0)
-    low, high = within_range(low), within_range(high)
-    return (low, high) if low < high else (low, low + max(1.0, abs(low)))
+    if not numbers:
+        return None, None
+    return (within_range(min(values.min() for values in numbers)),
+            within_range(max(values.max() for values in numbers)))
 
 
 def _check_inside(pixels: Pixels, x: int, y: int) -> None:

@@ -29,7 +29,8 @@ from opencv_tools.image.exif import jpeg_orientation, turn_upright
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image_codecs import decode_image
-from opencv_tools.viewer.compressed_depth import decode_compressed_depth, is_compressed_depth
+from opencv_tools.viewer.compressed_depth import (
+    decode_compressed_depth, is_compressed_depth, Quantisation)
 
 _BRIDGE = CvBridge()
 _LOSSY_WEBP, _WEBP_CHUNK = b'WEBPVP8 ', 8  # name of the first chunk, and its place
@@ -45,11 +46,17 @@ class Pixels:
     :param image: (h, w) or (h, w, c) array; chroma rows follow the luma rows.
     :param encoding: encoding of the array.
     :param codec: name of the codec that has changed the values; '' for none.
+    :param quantisation: how the array stores depth; None if it has the numbers of the encoding.
     """
 
     image: NDArray[Any]
     encoding: Encoding
     codec: str = ''
+    quantisation: Quantisation | None = None
+
+    def numbers(self, part: NDArray[Any]) -> NDArray[Any]:
+        """Return the numbers of some pixels of the array, of any shape."""
+        return self.quantisation.depth_of(part) if self.quantisation else part
 
     @property
     def size(self) -> tuple[int, int]:
@@ -77,7 +84,9 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
         return Pixels(image, encoding)
     content = bytes(message.data)
     if is_compressed_depth(message.format):
-        return Pixels(*decode_compressed_depth(content, message.format))
+        image, quantisation = decode_compressed_depth(content, message.format)
+        return Pixels(image, find_encoding('32FC1' if quantisation else '16UC1'),
+                      quantisation=quantisation)
     check_size(*image_size(content), MAX_PIXELS)
     image = decode_image(content)
     if upright:

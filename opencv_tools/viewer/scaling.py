@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import ceil, sqrt
 from typing import Any
 
 import cv2
@@ -26,6 +27,8 @@ from opencv_tools.viewer.region import Region
 
 # Factor above which a mean of all pixels is needed against false patterns.
 _AREA_FACTOR = 2
+# Pixels of a picture of depths or labels at most, a few more than 3840 x 2160.
+_MAX_PICKED = 2**23
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +58,13 @@ def scale(image: NDArray[Any], width: int) -> NDArray[Any]:
 
 
 def pick(image: NDArray[Any], width: int) -> NDArray[Any]:
-    """Return every n-th pixel, because a mean of depths or labels has no meaning."""
-    step = -(-image.shape[1] // width)
+    """
+    Return every n-th pixel, because a mean of depths or labels has no meaning.
+
+    :param width: largest width; a large image has an even smaller one, for its memory.
+    """
+    rows, columns = image.shape[:2]
+    step = max(-(-columns // width), ceil(sqrt(rows * columns / _MAX_PICKED)))
     return image[::step, ::step]
 
 

@@ -64,6 +64,7 @@ def gray_image(message: WireMessage) -> NDArray[np.uint8]:
     if not 0 < image.shape[0] * image.shape[1] <= _MAX_PIXELS:
         raise ImageError(f'an image of {image.shape[1]}x{image.shape[0]} is not searched for a '
                          'board: make the images smaller')
+    image = pixels.numbers(image)
     is_small = np.dtype(encoding.dtype) == np.uint8
     if encoding.kind in ('bayer', 'yuv'):
         color = find_encoding('bgr8' if is_small else 'bgr16')

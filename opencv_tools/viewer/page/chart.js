@@ -30,7 +30,7 @@ export function path(numbers, low, high) {
 }
 
 /** Show a histogram or the profile of a line, or the reason why there is none. */
-export function showChart(kind, { names, curves, low, high, over, under, missing, error }) {
+export function showChart(kind, { names, curves, low, high, over, under, missing, lacking, error }) {
   const limits = kind === 'profile' ? [low, high] : [0, Math.max(...(curves ?? []).flat())];
   part('chart').querySelector('h2').textContent = kind === 'profile' ? 'Line' : 'Histogram';
   part('chart').querySelector('svg').replaceChildren(...(curves ?? []).map((curve, place) => {
@@ -39,9 +39,9 @@ export function showChart(kind, { names, curves, low, high, over, under, missing
     line.dataset.channel = names[place];
     return line;
   }));
-  const ends = Number.isFinite(low) && `${+low.toPrecision(4)} to ${+high.toPrecision(4)}`;
+  const ends = Number.isFinite(low) && `${+low.toPrecision(6)} to ${+high.toPrecision(6)}`;
   part('chart').querySelector('.hint').textContent = error ?? [ends,
     over > 0 && `${percent(over)} over-exposed`, under > 0 && `${percent(under)} black`,
-    missing > 0 && `${percent(missing)} without a number`].filter(Boolean).join(', ');
+    missing > 0 && `${percent(missing)} without ${lacking}`].filter(Boolean).join(', ');
   part('chart').classList.toggle('over', over > 0);
 }

@@ -155,8 +155,34 @@ def test_histogram_of_floats() -> None:
     assert sum(chart['curves'][0]) == pytest.approx(0.75)
     for values in ([1e308, -1e308], [np.nan], [5, 5], [-1e308] * 2):
         extreme = histogram(pixels_of(np.array([values], np.float64), '64FC1'), None)
-        assert extreme['low'] < extreme['high']
         json.dumps(extreme, allow_nan=False)
+        assert len(extreme['curves'][0]) == BINS
+    assert (extreme['low'], extreme['high']) == (-1e300, -1e300)
+
+
+@pytest.mark.parametrize(('values', 'encoding', 'bounds'), [
+    ([3, 3], '16UC1', (3, 3)), ([7, 7], '32SC1', (7, 7)), ([-2.5] * 2, '32FC1', (-2.5, -2.5)),
+    ([1e300, 1e308], '64FC1', (1e300, 1e300)), ([3, 14], 'mono16', (3, 14)),
+    ([np.nan] * 2, '32FC1', (None, None)), ([0, 0], '16UC1', (None, None))])
+def test_bounds_of_a_histogram(
+        values: list[float], encoding: str, bounds: tuple[float | None, float | None]) -> None:
+    image = np.array([values], find_encoding(encoding).dtype)
+    chart = histogram(pixels_of(image, encoding), None)
+    assert (chart['low'], chart['high']) == bounds
+    (curve,) = chart['curves']
+    assert sum(curve) == (0 if bounds[0] is None else 1) and len(curve) == BINS
+    assert sum(value > 0 for value in curve) == len({*bounds} - {None})
+
+
+@pytest.mark.parametrize(('encoding', 'over', 'under', 'missing', 'lacking'), [
+    ('16UC1', 0, 0, 0.25, 'depth'), ('32FC1', 0, 0, 0.25, 'depth'),
+    ('mono16', 0.25, 0.25, 0, 'a number'), ('64FC1', 0, 0, 0, 'a number')])
+def test_exposure_and_pixels_without_depth(
+        encoding: str, over: float, under: float, missing: float, lacking: str) -> None:
+    image = np.array([[0, 65535, 4, 5]], find_encoding(encoding).dtype)
+    chart = histogram(pixels_of(image, encoding), None)
+    assert (chart['over'], chart['under'], chart['missing'], chart['lacking']) == (
+        over, under, missing, lacking)
 
 
 def test_histogram_of_a_large_bayer_image_counts_all_colours() -> None:
