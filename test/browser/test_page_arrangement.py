@@ -34,6 +34,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TILES = ('[...document.querySelectorAll(".tile")].filter((one) => one.offsetParent !== null)'
          '.map((one) => one.dataset.topic).join()')
 SEARCH = 'new URL(location).search'
+KEPT = 'localStorage.getItem("opencv_tools.viewer")'
 HOSTILE = '<img src=x onerror="window.attacked = true">'
 
 
@@ -62,11 +63,17 @@ def press_button(page: Page, topic: str, name: str) -> None:
     page.evaluate(f'tileOf({topic!r}).querySelector("[data-arrange={name}]").click()')
 
 
-def drop(page: Page, topic: str, script: str) -> None:
-    """Drop what a script has dragged onto a tile."""
+def drag_of(topic: str) -> str:
+    """Return the script that drags a topic."""
+    return (f'tileOf({topic!r}).querySelector(".head").dispatchEvent('
+            'new DragEvent("dragstart", options));')
+
+
+def drop(page: Page, element: str, script: str) -> None:
+    """Drop what a script has dragged onto an element."""
     page.evaluate('(() => { const dataTransfer = new DataTransfer(); '
                   'const options = { bubbles: true, cancelable: true, dataTransfer }; '
-                  f'{script} tileOf({topic!r}).dispatchEvent('
+                  f'{script} {element}.dispatchEvent('
                   'new DragEvent("drop", options)); })()')
 
 
@@ -76,6 +83,7 @@ def test_pins_and_hidden_topics_are_kept(page: Page, viewer: Viewer) -> None:
     page.evaluate('tileOf("/d").querySelector(".frame").focus()')
     page.press('p')
     assert page.evaluate(TILES) == '/c,/d,/a,/b'
+    assert page.evaluate('document.activeElement.closest(".tile").dataset.topic') == '/d'
     press_button(page, '/a', 'hide')
     assert page.evaluate(TILES) == '/c,/d,/b'
     page.wait_for('sent.some((message) => message.unsubscribe === "/a")')
@@ -94,14 +102,86 @@ def test_pins_and_hidden_topics_are_kept(page: Page, viewer: Viewer) -> None:
     assert page.complaints() == []
 
 
-def test_order_by_dragging(page: Page) -> None:
+def test_order_by_dragging(page: Page, viewer: Viewer) -> None:
     press_button(page, '/c', 'pin')
-    for topic, before in (('/d', '/c'), ('/b', '/c')):
-        drop(page, before, f'tileOf({topic!r}).querySelector(".head").dispatchEvent('
-                           'new DragEvent("dragstart", options));')
-    assert page.evaluate(TILES) == '/d,/b,/c,/a'
-    drop(page, '/a', f'dataTransfer.setData("text/plain", {json.dumps(HOSTILE)});')
-    assert page.evaluate(TILES) == '/d,/b,/c,/a'
+    for topic, before, order in (
+            ('/d', '/c', '/d,/c,/a,/b'), ('/b', '/c', '/d,/b,/c,/a'), ('/d', '/a', '/b,/c,/d,/a'),
+            ('/b', '/b', '/b,/c,/d,/a')):
+        drop(page, f'tileOf({before!r})', drag_of(topic))
+        assert page.evaluate(TILES) == order
+    drop(page, 'document.getElementById("cameras")', drag_of('/b'))  # beside the tiles
+    drop(page, 'tileOf("/a")', f'dataTransfer.setData("text/plain", {json.dumps(HOSTILE)});')
+    assert page.evaluate(TILES) == '/b,/c,/d,/a'
+    assert page.evaluate(SEARCH) == '?pin=%2Fb&pin=%2Fc&pin=%2Fd'
+
+
+def test_order_by_dragging_without_pins(page: Page, viewer: Viewer) -> None:
+    press_button(page, '/b', 'hide')
+    write(page, 'search', '/')
+    drop(page, 'tileOf("/c")', drag_of('/d'))
+    assert page.evaluate(TILES) == '/a,/d,/c'
+    page.evaluate('document.getElementById("unhide").click()')
+    assert page.evaluate(TILES) == '/a,/b,/d,/c'
+    page.go(viewer.url)
+    page.wait_for(f'{TILES} === "/a,/b,/d,/c"')
+
+
+def test_arrangement_of_a_link_is_not_kept(
+        page: Page, viewer: Viewer, browser: Browser) -> None:
+    press_button(page, '/c', 'pin')
+    other = browser.new_page(f'{viewer.url}?turn=/a:1&search=/')
+    other.wait_for(f'{TILES} === "/a,/b,/c,/d"')
+    assert page.evaluate(KEPT) == 'pin=%2Fc'
+    press_button(page, '/b', 'pin')
+    other.go(other.evaluate('location.href'))
+    other.wait_for(f'{TILES} === "/a,/b,/c,/d"')
+    assert page.evaluate(KEPT) == 'pin=%2Fc&pin=%2Fb'
+    press_button(other, '/d', 'hide')
+    press_button(other, '/a', 'pin')
+    assert other.evaluate(SEARCH) == '?turn=%2Fa%3A1&search=%2F&hide=%2Fd&pin=%2Fa'
+    assert page.evaluate(KEPT) == 'hide=%2Fd&pin=%2Fc&pin=%2Fb&pin=%2Fa'
+    page.go(viewer.url)
+    page.wait_for(f'{TILES} === "/c,/b,/a"')
+
+
+def test_long_arrangement_is_bounded(page: Page, viewer: Viewer) -> None:
+    page.evaluate('localStorage.setItem("opencv_tools.viewer", new URLSearchParams(Array.from('
+                  '{length: 300}, (_, place) => ["pin", "/" + "camera".repeat(7) + place])))')
+    for url in (viewer.url, 'location.href'):
+        page.go(page.evaluate(url) if url == 'location.href' else url)
+        page.wait_for(f'{TILES} === "/a,/b,/c,/d"')
+        assert 3900 < page.evaluate(f'{SEARCH}.length') <= 4001
+    assert page.evaluate(SEARCH).endswith('camera299')
+    press_button(page, '/c', 'pin')
+    assert page.evaluate(f'{KEPT}.length') <= 4000
+    assert page.evaluate(SEARCH).endswith('&pin=%2Fc')
+
+
+def test_sentence_of_a_page_that_shows_no_topic(page: Page) -> None:
+    none = 'document.getElementById("none").offsetHeight > 0'
+    assert not page.evaluate(none)
+    write(page, 'search', 'nothing')
+    assert page.evaluate(none)
+    check_all(page)
+    write(page, 'search', '')
+    assert not page.evaluate(none)
+    for name in 'abcd':
+        press_button(page, f'/{name}', 'hide')
+    assert page.evaluate(none)
+
+
+def test_names_of_small_tiles(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    topic = '/camera_front_left/image_raw'
+    for name in (topic, *'abcde'):
+        Camera(camera, name)
+    page = browser.new_page(f'{viewer.url}?size=200')
+    page.wait_for(f'{TILES}.split(",").length === 6')
+    name = f'tileOf({topic!r}).querySelector(".name")'
+    page.wait_for(f'tileOf({topic!r}).offsetWidth < 260')
+    assert page.evaluate(f'{name}.lastElementChild.textContent') == topic[-16:]
+    assert page.evaluate(f'{name}.lastElementChild.getBoundingClientRect().right'
+                         f' <= {name}.getBoundingClientRect().right')
+    check_all(page)
 
 
 def test_search_and_size(page: Page, camera: Node) -> None:
@@ -112,6 +192,7 @@ def test_search_and_size(page: Page, camera: Node) -> None:
     page.evaluate('document.getElementById("search").focus()')
     page.press('p')  # a letter of the search
     assert page.evaluate(SEARCH) == '?search=Bp'
+    assert page.evaluate(KEPT) in (None, '')
     write(page, 'search', '')
     assert page.evaluate(TILES) == '/a,/b,/c,/d'
     widths = []
@@ -200,11 +281,15 @@ def test_link_with_and_without_the_token(
         start_viewer: Callable[..., Viewer], browser: Browser) -> None:
     page = browser.new_page(start_viewer(token='a-secret-text').url)
     page.wait_for('!document.getElementById("plain-link").hidden')
-    for button, notice in (('plain-link', 'Copied the link'),
-                           ('link', 'Copied the link with its token')):
+    browser.call('Browser.grantPermissions', permissions=['clipboardReadWrite'])
+    plain = page.evaluate('location.origin + "/"')
+    for button, notice, copied in (
+            ('plain-link', 'Copied the link', plain),
+            ('link', 'Copied the link with its token', f'{plain}?token=a-secret-text')):
         page.evaluate(f'document.getElementById({button!r}).focus()')
         page.press('Enter')
         page.wait_for(f'document.getElementById("notice").textContent === {notice!r}')
+        assert page.evaluate('navigator.clipboard.readText()') == copied
 
 
 def test_hostile_arrangement(viewer: Viewer, browser: Browser, camera: Node) -> None:

@@ -37,7 +37,7 @@ TOPIC = '/front'
 VALUE = f'tileOf({TOPIC!r}).querySelector(".pixel").textContent'
 #: Part of the image that the page has asked for last.
 REGION = 'JSON.stringify(sent.filter((one) => one.subscribe).at(-1).region ?? null)'
-CHART = 'document.querySelector("#chart .hint").textContent'
+CHART = f'tileOf({TOPIC!r}).querySelector(".chart .hint").textContent'
 _RANDOM = np.random.default_rng(36)
 
 
@@ -210,14 +210,14 @@ def test_line_and_histogram(viewer: Viewer, browser: Browser, camera: Node) -> N
     page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the panel has its place
     drag(page, place_of(page, 310.5, 100.5), place_of(page, 330.5, 100.5))
     page.wait_for(f'{CHART} === "0 to 255"')
-    points = page.evaluate('document.querySelector("#chart path").getAttribute("d")').split('L')
+    points = page.evaluate('document.querySelector(".chart path").getAttribute("d")').split('L')
     assert len(points) == 21
     assert [point.endswith(' 100') for point in points] == [True] * 10 + [False] * 11
     assert page.evaluate('document.querySelector(".line").getAttribute("d")') == (
         'M310.5 100.5L330.5 100.5')
     check_all(page)
     page.press('l')
-    page.wait_for('document.getElementById("panel").offsetWidth === 0')
+    page.wait_for('document.querySelector(".chart").offsetWidth === 0')
 
 
 def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node) -> None:
@@ -302,3 +302,137 @@ def test_cursor_and_region_of_a_closed_connection(
     move(page, place_of(page, 322, 242))
     page.wait_for('sent.some((one) => one.pixel)')
     page.wait_for(f'/^[0-9]+, [0-9]+: B [0-9]+/.test({VALUE})')
+
+
+def chart_of(topic: str) -> str:
+    """Return the JavaScript of the chart of a topic; '' if it is not seen."""
+    return (f'(({{ offsetHeight, innerText }}) => offsetHeight ? innerText.trim() : "")('
+            f'tileOf({topic!r}).querySelector(".chart"))')
+
+
+def test_charts_of_two_topics(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for topic, level in ((TOPIC, 0), ('/rear', 255)):
+        Camera(camera, topic, LATCHED).publish_image(
+            np.full((480, 640), level, np.uint8), 'mono8')
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}&beside=/rear')
+    page.wait_for(f'factOf({TOPIC!r}, "zoom") && factOf("/rear", "zoom")')
+    page.evaluate('tileOf("/rear").querySelector("[data-look=histogram]").click()')
+    page.wait_for(f'{chart_of("/rear")} === "0 to 255, 100 % over-exposed"')
+    assert page.evaluate(chart_of(TOPIC)) == ''
+    page.press('h')
+    page.wait_for(f'{chart_of(TOPIC)} === "0 to 255, 100 % black"')
+    assert page.evaluate(chart_of('/rear')) == '0 to 255, 100 % over-exposed'
+    check_all(page)
+    page.press('h')
+    page.wait_for(f'{chart_of(TOPIC)} === ""')
+    assert page.evaluate(chart_of('/rear')) == '0 to 255, 100 % over-exposed'
+
+
+def test_questions_end_with_the_view(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front = Camera(camera, TOPIC, LATCHED)
+    front.publish(1)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    page.press('h')
+    page.wait_for(f'{CHART}.startsWith("0 to 255")')
+    page.press('Escape')
+    page.evaluate('sent.length = 0')
+    for number in range(2, 6):
+        front.show(page, number)
+        page.evaluate('new Promise((done) => setTimeout(done, 250))')
+    assert page.evaluate('sent.filter((one) => one.histogram).length') == 0
+    page.evaluate(f'tileOf({TOPIC!r}).querySelector(".frame").click()')
+    page.wait_for('sent.some((one) => one.histogram)')
+    page.wait_for(f'{chart_of(TOPIC)}.startsWith("0 to 255")')
+
+
+def test_histogram_of_what_is_seen(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = np.zeros((2160, 3840), np.uint8)
+    image[1060:1100, 1900:1940] = 255
+    page = open_image(viewer, browser, camera, image, 'mono8')
+    page.press('h')
+    page.wait_for(f'{CHART}.endsWith("over-exposed, 100 % black")')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the tile has its size
+    for _ in range(22):
+        wheel(page, place_of(page, 1920.5, 1080.5, (3840, 2160)), -120)
+    page.wait_for(f'{CHART} === "0 to 255, 100 % over-exposed"')
+
+
+def test_region_of_a_turned_picture(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image(2160, 3840))
+    page.press('t')
+    page.press('1')
+    region = json.loads(page.wait_for(f'{REGION} !== "null" && {REGION}'))
+    width, height = page.evaluate(f'(({{ clientWidth, clientHeight }}) => [clientWidth, '
+                                  f'clientHeight])(tileOf({TOPIC!r}).querySelector(".frame"))')
+    assert width > 1.2 * height
+    # The axis of the image that was the vertical one is the horizontal one of the screen.
+    assert region[2:] == pytest.approx([height, width], abs=4)
+
+
+def test_range_of_a_topic_that_was_left(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    depth = np.arange(320 * 240, dtype=np.uint16).reshape(240, 320)
+    Camera(camera, TOPIC, LATCHED).publish_image(depth, '16UC1')
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}&range=300,4000&colors=gray')
+    query = 'decodeURIComponent(new URL(location).search)'
+    page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    page.press('Escape')
+    assert page.evaluate(query) == ''
+    page.evaluate(f'tileOf({TOPIC!r}).querySelector(".frame").click()')
+    assert page.evaluate(query) == f'?topic={TOPIC}&range=300,4000&colors=gray'
+    page.wait_for('sent.findLast((one) => one.subscribe).range?.join() === "300,4000"')
+    # The bar shows the chosen limits before a picture has them.
+    page.wait_for('document.getElementById("low").offsetWidth > 0')
+    assert page.evaluate('(() => { document.getElementById("low").value = 500; '
+                         'document.getElementById("range").dispatchEvent(new Event("change")); '
+                         'return document.getElementById("bar-low").textContent; })()') == '500 mm'
+    assert page.evaluate(query) == f'?topic={TOPIC}&range=500,4000&colors=gray'
+    page.evaluate('history.back()')
+    page.wait_for('document.body.dataset.view === "all"')
+    assert page.evaluate(query) == ''
+    page.evaluate('history.forward()')
+    page.wait_for('document.body.dataset.view === "one"')
+    assert page.evaluate(query) == f'?topic={TOPIC}&range=500,4000&colors=gray'
+
+
+@pytest.mark.parametrize('name', ['front', '/front/compressed', 'front/ffmpeg'])
+def test_other_names_of_a_topic(
+        name: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, TOPIC, LATCHED).publish(7)
+    page = browser.new_page(f'{viewer.url}?topic={name}')
+    page.wait_for(f'numberOf({TOPIC!r}) === 7')
+    assert page.evaluate('document.querySelectorAll(".tile").length') == 1
+
+
+def test_value_and_zoom_on_the_whole_screen(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image())
+    page.press('f')
+    page.wait_for('document.fullscreenElement !== null')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')
+    move(page, place_of(page, 320.5, 240.5))
+    page.wait_for(f'{VALUE}.startsWith("320, 240: ")')
+    picture, value, button = page.evaluate(
+        '[".frame", ".pixel", "[data-look=in]"].map((one) => { const { left, top, right, bottom, '
+        'width, height } = document.querySelector(`.tile ${one}`).getBoundingClientRect(); '
+        'return left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight '
+        '&& [width, height]; })')
+    assert picture[0] > 1200 and picture[1] > 650
+    assert value[0] > 100 and button[1] > 20
+    zoom = f'factOf({TOPIC!r}, "zoom")'
+    before = page.evaluate(zoom)
+    page.press('+')
+    page.wait_for(f'{zoom} !== {before!r}')
+
+
+def test_right_click_draws_no_line(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image())
+    page.press('l')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the tile has its size
+    for kind, button in (('mousePressed', 'right'), ('mouseReleased', 'right')):
+        page.call('Input.dispatchMouseEvent', type=kind, button=button, clickCount=1,
+                  **place_of(page, 200.5, 200.5))
+    drawn = 'document.querySelector(".line").getAttribute("d") ?? ""'
+    assert page.evaluate(drawn) == ''
+    drag(page, place_of(page, 100.5, 100.5), place_of(page, 200.5, 100.5))
+    assert page.evaluate(drawn) == 'M100.5 100.5L200.5 100.5'

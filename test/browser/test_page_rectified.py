@@ -84,7 +84,7 @@ def test_keys_with_capital_letters(page: Page) -> None:
     page.press('S')
     page.wait_for('document.getElementById("notice").textContent.startsWith("Saved ")')
     page.press('F')
-    page.wait_for(f'document.fullscreenElement === tileOf("{RECTIFIED}").querySelector(".frame")')
+    page.wait_for(f'document.fullscreenElement === tileOf("{RECTIFIED}")')
     page.press('r')  # a tile that is hidden does not fill the screen
     page.wait_for(f'document.fullscreenElement === null && {TILES} === "{RAW}"')
     assert page.complaints() == []

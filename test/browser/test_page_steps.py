@@ -300,7 +300,8 @@ def test_zoom_while_stepped(viewer: Viewer, browser: Browser, camera: Node) -> N
     page.press(',')
     check_region(2)
     page.press('h')
-    page.wait_for('document.querySelector("#chart .hint").textContent === "0 to 255"')
+    page.wait_for(f'tileOf({TOPIC!r}).querySelector(".chart .hint").textContent'
+                  ' === "0 to 255"')
     page.press('0')
     page.wait_for(f'numberOf({TOPIC!r}) === 2')
     assert page.complaints() == []

@@ -22,6 +22,12 @@ export function addressWith(settings) {
   return url;
 }
 
+/** Return the topic in the address, with the name that the node uses; '' for none. */
+export function topicOfAddress() {
+  const name = new URL(location).searchParams.get('topic') ?? '';
+  return name && name.replace(/^\/?/, '/').replace(/(.)\/(compressed|ffmpeg|foxglove)$/, '$1');
+}
+
 /** Keep settings in the address of the page; an empty value removes one. */
 export function keep(settings) {
   history.replaceState(null, '', addressWith(settings));

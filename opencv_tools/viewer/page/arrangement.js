@@ -13,24 +13,41 @@
 // limitations under the License.
 
 const KEY = 'opencv_tools.viewer';
-const NAMES = ['search', 'size', 'pin', 'hide', 'turn', 'beside'];
-const PASSING = ['search', 'beside']; // only in the address
+const KEPT = ['size', 'pin', 'hide', 'turn'];
+const NAMES = ['search', 'beside', ...KEPT]; // in the address
+const MOST = 4000; // characters
 const TURN = /:([0-3])(f?)$/; // behind the name of a topic: quarters, and whether it is flipped
+
+/** Return the values of some names, without the oldest ones if all of them are too long. */
+function newest(values, names) {
+  const pairs = [...values].filter(([name]) => names.includes(name));
+  let left = MOST;
+  const last = pairs.findLastIndex((pair) => {
+    left -= `${new URLSearchParams([pair])}&`.length;
+    return left < 0;
+  });
+  return new URLSearchParams(pairs.slice(last + 1));
+}
+
+/** Return what the browser keeps. */
+function stored() {
+  let text = '';
+  try { text = localStorage.getItem(KEY) ?? ''; } catch { /* the browser refuses it */ }
+  return newest(new URLSearchParams(text), KEPT);
+}
+
+/** Return topics in their order, the pinned ones first, also those that are not published. */
+const inOrder = (pins, topics) => [...new Set([...pins, ...topics.toSorted()])];
 
 /** Which tiles are shown, in which order and how; kept in the address and in the browser. */
 export class Arrangement {
-  #values = new URLSearchParams();
+  #values;
 
   /** Read the arrangement of the address, or that of the last visit if the address has none. */
   constructor() {
     const { searchParams } = new URL(location);
-    const isGiven = NAMES.some((name) => !PASSING.includes(name) && searchParams.has(name));
-    let kept = '';
-    try { kept = localStorage.getItem(KEY) ?? ''; } catch { /* the browser refuses it */ }
-    for (const name of NAMES) {
-      const found = isGiven || PASSING.includes(name) ? searchParams : new URLSearchParams(kept);
-      for (const value of found.getAll(name)) this.#values.append(name, value);
-    }
+    const isGiven = KEPT.some((name) => searchParams.has(name));
+    this.#values = newest([...isGiven ? [] : stored(), ...searchParams], NAMES);
     this.keep();
   }
 
@@ -42,20 +59,25 @@ export class Arrangement {
     return this.#values.has(name, topic);
   }
 
-  /** Set the values of a name. */
-  set(name, ...values) {
-    this.#values.delete(name);
-    for (const value of values.filter(Boolean)) this.#values.append(name, value);
-    this.keep();
+  /** Set the value of a name; '' removes all of its values. */
+  set(name, value) {
+    this.#change(name, () => [value].filter(Boolean));
   }
 
-  /** Add a topic to the values of a name, or remove it; it comes before another one. */
-  toggle(name, topic, before) {
-    const isNew = before || !this.has(name, topic);
-    const others = this.#values.getAll(name).filter((one) => one !== topic);
-    const place = others.indexOf(before);
-    if (isNew) others.splice(place < 0 ? others.length : place, 0, topic);
-    this.set(name, ...others);
+  /** Add a topic to the values of a name, or remove it. */
+  toggle(name, topic) {
+    const added = this.has(name, topic) ? [] : [topic];
+    this.#change(name, (all) => [...all.filter((one) => one !== topic), ...added]);
+  }
+
+  /** Show a topic directly before another one: all topics up to it are pinned. */
+  place(topic, before, topics) {
+    this.#change('pin', (pins) => {
+      const order = inOrder(pins, topics).filter((one) => one !== topic);
+      order.splice(order.indexOf(before), 0, topic);
+      const last = order.findLastIndex((one) => one === topic || pins.includes(one));
+      return order.slice(0, last + 1);
+    });
   }
 
   /** Return the quarters by which a topic is turned, and whether it is flipped before. */
@@ -68,28 +90,33 @@ export class Arrangement {
   /** Turn a topic by a quarter, or flip it as it is shown. */
   turn(topic, flips = false) {
     const { turns, isFlipped } = this.turned(topic);
-    const others = this.#values.getAll('turn').filter((one) => one.replace(TURN, '') !== topic);
     const quarters = (flips ? 4 - turns : turns + 1) % 4;
-    const isKept = quarters || flips !== isFlipped;
-    this.set('turn', ...others, isKept && `${topic}:${quarters}${flips !== isFlipped ? 'f' : ''}`);
+    const flip = flips !== isFlipped ? 'f' : '';
+    const added = quarters || flip ? [`${topic}:${quarters}${flip}`] : [];
+    this.#change('turn', (all) => [...all.filter((one) => one.replace(TURN, '') !== topic), ...added]);
   }
 
   /** Return the topics that are shown, the pinned ones first. */
   list(topics) {
-    const pins = this.#values.getAll('pin');
-    const place = (topic) => (pins.includes(topic) ? pins.indexOf(topic) : pins.length);
     const words = this.get('search').toLowerCase();
-    return topics.filter((one) => !this.has('hide', one) && one.toLowerCase().includes(words))
-      .sort((one, other) => place(one) - place(other) || (one < other ? -1 : 1));
+    return inOrder(this.#values.getAll('pin'), topics).filter((one) => topics.includes(one)
+      && !this.has('hide', one) && one.toLowerCase().includes(words));
   }
 
-  /** Write the arrangement into the address and into the browser. */
+  /** Change the values of a name, and nothing else of what the browser keeps. */
+  #change(name, edit) {
+    const edited = (values, names) => newest([...[...values].filter(([one]) => one !== name),
+      ...edit(values.getAll(name)).map((value) => [name, value])], names);
+    this.#values = edited(this.#values, NAMES);
+    this.keep();
+    try { localStorage.setItem(KEY, edited(stored(), KEPT)); } catch { /* the browser refuses it */ }
+  }
+
+  /** Write the arrangement into the address. */
   keep() {
     const url = new URL(location);
     for (const name of NAMES) url.searchParams.delete(name);
     for (const [name, value] of this.#values) url.searchParams.append(name, value);
     history.replaceState(null, '', url);
-    const kept = [...this.#values].filter(([name]) => !PASSING.includes(name));
-    try { localStorage.setItem(KEY, new URLSearchParams(kept)); } catch { /* the browser refuses it */ }
   }
 }

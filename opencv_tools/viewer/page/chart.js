@@ -15,7 +15,6 @@
 export const WIDTH = 256;
 const HEIGHT = 100;
 
-const part = (id) => document.getElementById(id);
 const percent = (value) => value && `${(100 * value).toFixed(value < 0.1 ? 2 : 0)} %`;
 
 /** Return the path of numbers between two limits; null is a gap. */
@@ -29,19 +28,20 @@ export function path(numbers, low, high) {
   }).join('');
 }
 
-/** Show a histogram or the profile of a line, or the reason why there is none. */
-export function showChart(kind, { names, curves, low, high, over, under, missing, lacking, error }) {
+/** Show a histogram or the profile of a line in an element, or the reason why there is none. */
+export function showChart(
+  element, kind, { names, curves, low, high, over, under, missing, lacking, error },
+) {
   const limits = kind === 'profile' ? [low, high] : [0, Math.max(...(curves ?? []).flat())];
-  part('chart').querySelector('h2').textContent = kind === 'profile' ? 'Line' : 'Histogram';
-  part('chart').querySelector('svg').replaceChildren(...(curves ?? []).map((curve, place) => {
+  element.querySelector('svg').replaceChildren(...(curves ?? []).map((curve, place) => {
     const line = document.createElementNS('http://www.w3.org/2000/svg', 'path');
     line.setAttribute('d', path(curve, ...limits));
     line.dataset.channel = names[place];
     return line;
   }));
   const ends = Number.isFinite(low) && `${+low.toPrecision(6)} to ${+high.toPrecision(6)}`;
-  part('chart').querySelector('.hint').textContent = error ?? [ends,
+  element.querySelector('.hint').textContent = error ?? [ends,
     over > 0 && `${percent(over)} over-exposed`, under > 0 && `${percent(under)} black`,
     missing > 0 && `${percent(missing)} without ${lacking}`].filter(Boolean).join(', ');
-  part('chart').classList.toggle('over', over > 0);
+  element.classList.toggle('over', over > 0);
 }

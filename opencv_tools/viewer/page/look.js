@@ -28,6 +28,7 @@ export class Look {
   #line = null;
   #asked = {}; // by kind
   #output;
+  #chart; // its element
   #follows = false; // the pointer over another picture
 
   /**
@@ -42,6 +43,7 @@ export class Look {
     this.#tile = tile;
     this.#send = send;
     this.#output = tile.element.querySelector('.pixel');
+    this.#chart = tile.element.querySelector('.chart');
   }
 
   /** Use an event of a pointer; return whether it draws a line. */
@@ -76,12 +78,13 @@ export class Look {
   /** Show another chart, or none if it is shown. */
   toggle(kind) {
     this.#setChart(this.chart === kind ? '' : kind);
-    if (kind === 'profile') showChart(kind, { error: 'Draw a line in the picture.' });
+    if (kind === 'profile') showChart(this.#chart, kind, { error: 'Draw a line in the picture.' });
     this.ask();
   }
 
   #setChart(kind) {
     this.chart = kind;
+    this.#chart.hidden = !kind;
     this.#line = null;
     this.#drawLine();
     this.#tile.link.classList.toggle('draws', kind === 'profile');
@@ -97,6 +100,7 @@ export class Look {
 
   /** Ask what has changed; a question waits for the answer to the last one of its kind. */
   ask() {
+    if (!this.#output.checkVisibility()) return;
     const { view, isVideo, context } = this.#tile;
     if (this.#cursor && isVideo) {
       const [red, green, blue] = context.getImageData(...this.#cursor, 1, 1).data;
@@ -123,8 +127,8 @@ export class Look {
     const asked = this.#asked[kind];
     if (!asked) return;
     asked.waits = false;
-    if (kind !== 'pixel') showChart(kind, answer);
-    else if (this.#cursor) this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);
+    if (kind === this.chart) showChart(this.#chart, kind, answer);
+    else if (kind === 'pixel' && this.#cursor) this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);
     if (kind === 'pixel' && asked.text !== JSON.stringify({ at: this.#cursor })) this.ask();
   }
 

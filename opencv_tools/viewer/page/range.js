@@ -41,7 +41,7 @@ export class RangeForm {
   /**
    * Listen to the form.
    *
-   * @param onChange called with two numbers, or null for automatic limits; and with the colours.
+   * @param onChange called with range, two numbers or null for automatic limits; and with colors.
    */
   constructor(onChange) {
     this.#onChange = onChange;
@@ -79,7 +79,7 @@ export class RangeForm {
     part('high').setCustomValidity(limits ? '' : 'Give two numbers, the lower one first.');
     const { value: colors, options: [first] } = part('colors');
     const isValid = part('automatic').checked || this.#form.reportValidity();
-    if (isValid) this.#onChange(part('automatic').checked ? null : limits,
-      colors === first.value ? '' : colors);
+    if (isValid) this.#onChange({ range: part('automatic').checked ? null : limits,
+      colors: colors === first.value ? '' : colors });
   }
 }

@@ -59,6 +59,7 @@ export class View {
       },
       dblclick: (event) => this.zoom(this.#scale ? 0 : 1 / devicePixelRatio, event),
       pointerdown: (event) => {
+        if (event.button) return; // of the menu, not of the picture
         frame.setPointerCapture(event.pointerId);
         if (!onPointer(event)) this.#pointers.set(event.pointerId, event);
       },

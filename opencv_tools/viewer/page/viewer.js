@@ -12,7 +12,7 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { addressWith, copyText, keep } from './address.js';
+import { addressWith, copyText, keep, topicOfAddress } from './address.js';
 import { Arrangement } from './arrangement.js';
 import { Connection } from './connection.js';
 import { Controls } from './controls.js';
@@ -44,7 +44,7 @@ const { searchParams: given } = new URL(location);
 const arrangement = new Arrangement();
 const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
-let selected = given.get('topic') ?? '';
+let selected = topicOfAddress();
 let host = '';
 let token = '';
 let control = false; // the parameter of the node
@@ -113,7 +113,7 @@ const connection = new Connection({
   },
 });
 
-const range = new RangeForm(setRange);
+const range = new RangeForm(change);
 const overlays = new OverlayForm(layOut);
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
 
@@ -245,14 +245,24 @@ function ask() {
   }
 }
 
+/** Return what the address says of a topic that is shown alone. */
+function settingsOf(topic) {
+  const { range: limits, colors, isRectified } = tiles.get(topic) ?? {};
+  return { topic, range: limits?.join(), colors, rectified: isRectified && 'true' };
+}
+
+/** Show the topic in another way. */
+function change(values) {
+  Object.assign(tiles.get(selected), values);
+  keep(settingsOf(selected));
+  layOut();
+}
+
 /** Show one topic alone, or all topics for ''. */
 function select(name, isNew = true) {
   const last = selected;
   selected = name;
-  if (isNew) {
-    const url = addressWith({ topic: name, range: '', colors: '', rectified: '' });
-    history.pushState(null, '', url);
-  }
+  history[isNew ? 'pushState' : 'replaceState'](null, '', addressWith(settingsOf(name)));
   // A tile without a topic is there only while it is selected.
   arrangement.keep();
   overlays.keep();
@@ -302,6 +312,7 @@ function arrangeTiles() {
   const hidden = names.filter((name) => arrangement.has('hide', name)).length;
   part('unhide').hidden = !hidden;
   part('unhide').textContent = `Show ${hidden} hidden`;
+  part('none').hidden = !names.length || listed.length > 0;
   part('search').hidden = part('size').hidden = part('beside').hidden = names.length < 2;
   const others = ['', ...names.sort().filter((name) => name !== shown())]
     .map((name) => new Option(name || 'Beside: none', name));
@@ -317,10 +328,11 @@ function arrangeBy(name, value) {
   layOut();
 }
 
-/** Pin or hide a topic, or pin it before another one. */
+/** Pin or hide a topic, or show it before another one. */
 function rearrange(name, topic, before) {
   if (!tiles.has(topic) || topic === before) return;
-  arrangement.toggle(name, topic, before);
+  if (before) arrangement.place(topic, before, [...tiles.keys()]);
+  else arrangement.toggle(name, topic);
   layOut();
 }
 
@@ -355,10 +367,10 @@ function layOut() {
   arrangeTiles();
   for (const [name, tile] of tiles) {
     if (selected) tile.link.removeAttribute('href');
-    else tile.link.href = addressWith({ topic: name });
+    else tile.link.href = addressWith(settingsOf(name));
   }
   const filling = document.fullscreenElement;
-  if (filling && filling !== tiles.get(alone)?.link) document.exitFullscreen();
+  if (filling && filling !== tiles.get(alone)?.element) document.exitFullscreen();
   show();
 }
 
@@ -402,23 +414,7 @@ function showPanel() {
   range.show(tile?.status.range, tile?.range, tile?.colors, tile?.status.unit);
   tile?.look.ask();
   overlays.show(Boolean(selected));
-  part('chart').hidden = !tile?.look.chart;
   controls.show(tiles.get(selected)?.topic?.nodes ?? []);
-}
-
-/** Use limits and colours for the picture; null for automatic limits, '' for the first colours. */
-function setRange(limits, colors) {
-  Object.assign(tiles.get(selected), { range: limits, colors });
-  keep({ range: limits?.join(), colors });
-  layOut();
-}
-
-/** Show the rectified pictures of the topic, or the raw ones again. */
-function rectify() {
-  const tile = tiles.get(selected);
-  tile.isRectified = !tile.isRectified;
-  keep({ rectified: tile.isRectified && 'true' });
-  layOut();
 }
 
 function pause() {
@@ -441,7 +437,7 @@ function copyLink(hasToken) {
 
 function fillScreen() {
   if (document.fullscreenElement) document.exitFullscreen();
-  else tiles.get(shown())?.link.requestFullscreen?.();
+  else tiles.get(shown())?.element.requestFullscreen?.();
 }
 
 // What each button does to look into a picture.
@@ -499,8 +495,7 @@ function pressOf(key) {
 listenToKeys((key) => (selected ? pressOf(key) : ALL_KEYS[key]));
 document.addEventListener('visibilitychange', ask);
 addEventListener('resize', show);
-addEventListener('popstate',
-  () => select(new URL(location).searchParams.get('topic') ?? '', false));
+addEventListener('popstate', () => select(topicOfAddress(), false));
 const BUTTONS = {
   back: () => select(''),
   previous: () => step(-1),
@@ -509,7 +504,7 @@ const BUTTONS = {
   earlier: () => steps.by(-1, shown(), beside()),
   later: () => steps.by(1, shown(), beside()),
   save: () => save(shown()),
-  rectified: rectify,
+  rectified: () => change({ isRectified: !tiles.get(selected).isRectified }),
   full: fillScreen,
   link: () => copyLink(Boolean(token)),
   'plain-link': () => copyLink(false),
@@ -536,7 +531,8 @@ cameras.addEventListener('dragstart',
 cameras.addEventListener('dragover', (event) => event.preventDefault());
 cameras.addEventListener('drop', (event) => {
   event.preventDefault();
-  rearrange('pin', event.dataTransfer.getData('text/plain'), topicOf(event.target));
+  const before = topicOf(event.target);
+  if (before) rearrange('pin', event.dataTransfer.getData('text/plain'), before);
 });
 part('full').hidden = !document.fullscreenEnabled;
 setInterval(() => document.hidden || show(), REFRESH_MS);
