@@ -138,7 +138,7 @@ def test_arrangement_of_a_link_is_not_kept(
     assert page.evaluate(KEPT) == 'pin=%2Fc&pin=%2Fb'
     press_button(other, '/d', 'hide')
     press_button(other, '/a', 'pin')
-    assert other.evaluate(SEARCH) == '?turn=%2Fa%3A1&search=%2F&hide=%2Fd&pin=%2Fa'
+    assert other.evaluate(SEARCH) == '?search=%2F&pin=%2Fa&hide=%2Fd&turn=%2Fa%3A1'
     assert page.evaluate(KEPT) == 'hide=%2Fd&pin=%2Fc&pin=%2Fb&pin=%2Fa'
     page.go(viewer.url)
     page.wait_for(f'{TILES} === "/c,/b,/a"')

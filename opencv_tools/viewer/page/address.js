@@ -12,12 +12,12 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-/** Return the address of the page with other settings; an empty value removes one. */
+/** Return the address of the page with other settings, which have one value, many or none. */
 export function addressWith(settings) {
   const url = new URL(location);
-  for (const [name, value] of Object.entries(settings)) {
-    if (value) url.searchParams.set(name, value);
-    else url.searchParams.delete(name);
+  for (const [name, values] of Object.entries(settings)) {
+    url.searchParams.delete(name);
+    for (const value of [values].flat().filter(Boolean)) url.searchParams.append(name, value);
   }
   return url;
 }
@@ -28,7 +28,7 @@ export function topicOfAddress() {
   return name && name.replace(/^\/?/, '/').replace(/(.)\/(compressed|ffmpeg|foxglove)$/, '$1');
 }
 
-/** Keep settings in the address of the page; an empty value removes one. */
+/** Keep settings in the address of the page. */
 export function keep(settings) {
   history.replaceState(null, '', addressWith(settings));
 }

@@ -12,6 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+import { keep } from './address.js';
+
 const KEY = 'opencv_tools.viewer';
 const KEPT = ['size', 'pin', 'hide', 'turn'];
 const NAMES = ['search', 'beside', ...KEPT]; // in the address
@@ -114,9 +116,6 @@ export class Arrangement {
 
   /** Write the arrangement into the address. */
   keep() {
-    const url = new URL(location);
-    for (const name of NAMES) url.searchParams.delete(name);
-    for (const [name, value] of this.#values) url.searchParams.append(name, value);
-    history.replaceState(null, '', url);
+    keep(Object.fromEntries(NAMES.map((name) => [name, this.#values.getAll(name)])));
   }
 }
