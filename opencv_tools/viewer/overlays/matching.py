@@ -22,7 +22,7 @@ from collections.abc import Awaitable, Callable
 from opencv_tools.image.text import printable
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.feed import Feed, NewFrame
-from opencv_tools.viewer.overlays.frame_boxes import FrameBoxes, frame_id, has_same_camera
+from opencv_tools.viewer.overlays.frame_boxes import frame_id, FrameBoxes, has_same_camera
 from opencv_tools.viewer.overlays.sources import BoxSource, Detections
 
 # Frames that wait for their boxes, and their bytes.
