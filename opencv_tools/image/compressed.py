@@ -25,9 +25,11 @@ from opencv_tools.image.encodings import (
     Encoding, find_encoding, generic_encoding, opencv_encoding,
 )
 from opencv_tools.image.errors import EncodingError
+from opencv_tools.image.jpeg import JPEG_SOI
 
 # The form of compressed_image_transport: 'rgb8; jpeg compressed bgr8', '16UC1; png compressed '.
 _TRANSPORT = re.compile(r'([^;]*);\s*(\w+)\s+compressed\s*(\w*).*', re.DOTALL)
+_LOSSY_WEBP, _WEBP_CHUNK = b'WEBPVP8 ', 8  # name of the first chunk, and its place
 
 
 @dataclass(frozen=True)
@@ -78,3 +80,10 @@ def decoded_encoding(image: NDArray[Any], format_text: str) -> Encoding:
         if (found.dtype, found.channels, found.row_factor) == (actual.dtype, actual.channels, 1):
             return found
     return opencv_encoding(image)
+
+
+def lossy_codec(content: bytes) -> str:
+    """Return the name of the codec of a file, if it changes values; '' for another file."""
+    if content.startswith(JPEG_SOI):
+        return 'JPEG'
+    return 'WebP' if content.startswith(_LOSSY_WEBP, _WEBP_CHUNK) else ''

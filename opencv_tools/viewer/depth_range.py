@@ -22,12 +22,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.viewer.protocol import LARGEST
 
 #: Smallest and largest number of a picture.
 Limits = tuple[float, float]
-
-#: Largest number of a range, so that differences are finite.
-LARGEST = 1e300
 
 # Parts of the pixels that are below and above the range: a few wild pixels do not change it.
 _PERCENTILES = 2, 98

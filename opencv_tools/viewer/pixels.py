@@ -23,17 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireDisparity, WireImage, WireMessage
-from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.compressed import decoded_encoding, lossy_codec
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.exif import jpeg_orientation, turn_upright
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
-from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.viewer.compressed_depth import (
     decode_compressed_depth, is_compressed_depth, Quantisation)
 
 _BRIDGE = CvBridge()
-_LOSSY_WEBP, _WEBP_CHUNK = b'WEBPVP8 ', 8  # name of the first chunk, and its place
 #: Encoding of the numbers of a disparity image: as 32FC1, but in pixels, with NaN for none.
 DISPARITY = replace(find_encoding('32FC1'), name='disparity')
 
@@ -91,11 +89,4 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
     image = decode_image(content)
     if upright:
         image = turn_upright(image, jpeg_orientation(content))
-    return Pixels(image, decoded_encoding(image, message.format), _lossy_codec(content))
-
-
-def _lossy_codec(content: bytes) -> str:
-    """Return the name of the codec of a file, if it changes values; '' for another file."""
-    if content.startswith(JPEG_SOI):
-        return 'JPEG'
-    return 'WebP' if content.startswith(_LOSSY_WEBP, _WEBP_CHUNK) else ''
+    return Pixels(image, decoded_encoding(image, message.format), lossy_codec(content))

@@ -24,12 +24,13 @@ import time
 from typing import Any
 
 from opencv_tools.video.packet import CODECS, VideoPacket
-from opencv_tools.viewer.depth_range import LARGEST
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.region import Region
 
 #: Maximum size of a message of the page in bytes.
 MAX_MESSAGE_BYTES = 4096
+#: Largest number of a range, so that differences are finite.
+LARGEST = 1e300
 
 #: Widths in pixels that pictures are scaled to; few, so that viewers share encodings.
 WIDTHS = (160, 240, 320, 480, 640, 960, 1280, 1920)
@@ -48,10 +49,9 @@ _PLACE = struct.Struct('>6I')  # part of the image, and its width and height
 _VIDEO = 1 << 31  # in the number of the topic, before a packet of video
 # Whether it is a key frame, bytes of the codec string, width, height, number of the packet.
 _VIDEO_HEAD = struct.Struct('>BBHHI')
-_MAX_CODECS, _MAX_CODEC = 8, 16
+_MAX_CODECS, _MAX_CODEC, _MAX_NAME = 8, 16, 256
 _MAX_WIDTH = 65_535
 _MAX_SIDE = 2**31  # pixels of an image
-_MAX_NAME = 256
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,8 +95,7 @@ def pack_frame(
     :param sequence: number of the message, which the page answers.
     :param stamp: stamp of the frame in seconds.
     :param sent: time of sending in seconds of the system clock.
-    :param place: first column, first row, width and height of the part of the image that is
-        shown, and width and height of the image.
+    :param place: column, row, width and height of the part that is shown, and size of the image.
     :param picture: content of a JPEG file.
     """
     return _HEAD.pack(topic, sequence % 2**32, stamp, sent) + _PLACE.pack(*place) + picture
@@ -221,10 +220,8 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
         width=int(valid_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
         quality=int(valid_number(message.get('quality', 0), 'quality', 0, 100)),
         rate=valid_number(message.get('rate', 0), 'rate', 0, 1000),
-        fixed=message.get('fixed', False) is True, limits=limits,
-        video=message.get('video', False) is True, region=parse_region(message.get('region')),
-        colors=colors, looks=message.get('looks', False) is True,
-        held=message.get('held', False) is True)
+        limits=limits, region=parse_region(message.get('region')), colors=colors,
+        **{name: message.get(name) is True for name in ('fixed', 'video', 'looks', 'held')})
 
 
 def parse_region(values: Any) -> Region | None:
