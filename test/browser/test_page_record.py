@@ -30,6 +30,7 @@ from opencv_tools.image.cdr import cdr_to_image
 from pages import Camera, numbered_frame, Viewer
 import pytest
 from rclpy.node import Node
+from test_page_layout import check_all
 
 pytest_plugins = ['pages']
 
@@ -182,6 +183,25 @@ def test_sentence_about_a_silent_topic(
     click(page, RECORD)
     page.wait_for(f'{ACCOUNT}.includes(": no frames of /front: ")')
     assert page.complaints() == []
+
+
+def test_last_seconds(recorder: Viewer, browser: Browser, node: Node, folder: Path) -> None:
+    camera = Camera(node, '/front')
+    page = browser.new_page(f'{recorder.url}&topic=/front')
+    for number in range(1, 6):
+        camera.show(page, number)
+    keep = 'document.getElementById("keep")'
+    page.wait_for(f'{keep}.checkVisibility()')
+    click(page, keep)
+    page.wait_for(f'/^Recorded \\d+ frames from memory in .*_kept.mcap$/.test({NOTICE})')
+    (bag,) = recorded_files(folder)
+    assert np.array_equal(images_in(bag)['/front'][-1], numbered_frame(5))
+    click(page, RECORD)
+    page.wait_for(IS_ON)
+    check_all(page)
+    page.evaluate(f'{RECORD}.click()')
+    page.wait_for(IS_OFF)
+    check_all(page)
 
 
 def test_no_button_by_default(viewer: Viewer, browser: Browser, node: Node) -> None:

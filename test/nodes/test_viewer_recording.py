@@ -34,6 +34,7 @@ from opencv_tools.bags.reading import BagMessage
 from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image
 import pytest
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
 from viewing import address_of, Camera, Page, publishing, run_page, until
 
@@ -53,7 +54,8 @@ def images_in(path: Path) -> dict[str, list[tuple[int, Any]]]:
         for message in bag.messages([*bag.topics]):
             assert isinstance(message, BagMessage)
             if message.topic.type_name == 'sensor_msgs/msg/CameraInfo':
-                found.setdefault(message.topic.name, []).append((0, None))
+                found.setdefault(message.topic.name, []).append((
+                    deserialize_message(bytes(message.load()), CameraInfo).header.stamp.sec, None))
                 continue
             is_raw = message.topic.type_name == 'sensor_msgs/msg/Image'
             image = (cdr_to_image if is_raw else cdr_to_compressed_image)(message.load())
@@ -114,8 +116,10 @@ def test_frames_of_two_topics(start: Start, node: Node, tmp_path: Path) -> None:
         refused = await second.ask(await second.numbers('/other'))
         assert not refused['ok']
         assert re.fullmatch(r'already recording 2 topics since \d\d:\d\d:\d\d', refused['message'])
-        info.publish(CameraInfo())
         for number in range(60):  # at once, while no page looks
+            calibration = CameraInfo()
+            calibration.header.stamp.sec = number
+            info.publish(calibration)
             raw.publish(picture(number))
             jpeg.publish_compressed(jpegs[number])
             other.publish(GRAY)
@@ -134,7 +138,8 @@ def test_frames_of_two_topics(start: Start, node: Node, tmp_path: Path) -> None:
     assert re.fullmatch(r'\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d\.mcap', bag.name)
     found = images_in(bag)
     assert set(found) == {'/left/image', '/right/image/compressed', '/left/camera_info'}
-    assert len(found['/left/camera_info']) == 1
+    calibrations = [stamp for stamp, _ in found['/left/camera_info']]
+    assert calibrations == sorted({*calibrations})  # each once
     assert [stamp for stamp, _ in found['/left/image']] == [*range(1, 61)]
     assert all(np.array_equal(pixels, picture(number))
                for number, (_, pixels) in enumerate(found['/left/image']))
@@ -268,11 +273,19 @@ def test_last_seconds_of_two_topics(start: Start, node: Node, tmp_path: Path) ->
         for name, camera in (('/left', raw), ('/right', jpeg)):
             await page.send(subscribe=name, looks=True)
             await camera.seen()
+        async def shown(*cameras: Camera) -> None:
+            wanted = {camera.number for camera in cameras}
+            while wanted:
+                wanted -= {(await page.picture()).stamp}
+
+        await publishing(lambda: raw.publish(GRAY), page.picture())
+        await publishing(lambda: jpeg.publish_compressed(jpegs[0]), page.status(
+            lambda state: state['name'] == '/right' and state['frames']))
+        raw.number, jpeg.number = 100, 200
         for number in range(20):  # as they are displayed
             raw.publish(picture(number))
             jpeg.publish_compressed(jpegs[number])
-            for _ in range(2):
-                await page.picture()
+            await shown(raw, jpeg)
         await page.send(keep=[left, right, other])
         answer = await page.text('keep')
         assert answer['ok'], answer
@@ -281,13 +294,14 @@ def test_last_seconds_of_two_topics(start: Start, node: Node, tmp_path: Path) ->
 
     answer = run_page(act())
     (bag,) = recorded_files(folder)
-    assert answer['message'] == f'Recorded 40 frames from memory in {bag.name}'
     found = images_in(bag)
     assert set(found) == {'/left', '/right/compressed'}
+    count = sum(map(len, found.values()))
+    assert answer['message'] == f'Recorded {count} frames from memory in {bag.name}'
     assert all(np.array_equal(pixels, picture(number))
-               for number, (_, pixels) in enumerate(found['/left']))
-    assert found['/right/compressed'] == [*zip(range(1, 21), jpegs)]
-    assert [line['frames'] for line in read_manifest(folder)] == [40]
+               for number, (_, pixels) in enumerate(found['/left'][-20:]))
+    assert found['/right/compressed'][-20:] == [*zip(range(201, 221), jpegs)]
+    assert [line['frames'] for line in read_manifest(folder)] == [count]
 
 
 def test_no_frames_are_kept(start: Start, node: Node, tmp_path: Path) -> None:
@@ -337,6 +351,18 @@ def test_folder_that_cannot_be_used(start: Start, tmp_path: Path) -> None:
     assert viewer.finish() == 1
     assert (f'record_dir {tmp_path}/file cannot be used: it is a file or a broken link; set '
             'record_dir to a folder') in viewer.output
+    assert 'Traceback' not in viewer.output
+
+
+def test_folder_without_permission(
+        start: Start, tmp_path: Path, mount_namespace: tuple[str, ...]) -> None:
+    within = [*mount_namespace, 'sh', '-c',
+              f'mount -t tmpfs -o ro none {tmp_path}/bags && exec "$@"', 'sh']
+    (tmp_path / 'bags').mkdir()
+    viewer = start('img_viewer', within=within, port=0, control='true',
+                   record_dir=tmp_path / 'bags')
+    assert viewer.finish() == 1
+    assert f'record_dir {tmp_path}/bags cannot be used: Read-only file system' in viewer.output
     assert 'Traceback' not in viewer.output
 
 

@@ -75,7 +75,7 @@ class RecordedImages:
 
     @property
     def lost(self) -> int:
-        """Number of frames that were published, but did not arrive."""
+        """Return the number of frames that were published, but did not arrive."""
         account = self._subscription.account
         return account.lost + account.skipped
 
