@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 import itertools
 import sys
@@ -98,13 +98,15 @@ class History:
     The executor calls ``add``; all other methods run in the loop of the server.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, clock: Callable[[], float] = time.monotonic) -> None:
         """
         Create an empty history.
 
         :param limit: maximum number of bytes of all messages; 0 to keep none.
+        :param clock: monotonic clock in seconds.
         """
         self.limit = limit
+        self._clock = clock
         #: Bytes of all messages that are kept.
         self.size = 0
         self._loop = asyncio.get_running_loop()
@@ -139,7 +141,7 @@ class History:
             if self._topics.get(key) is topic:  # nobody has left meanwhile
                 kept = KeptFrame(
                     frame=NewFrame(-next(self._numbers), received.image, received.receive_ns),
-                    received=received, size=size, arrived=time.monotonic())
+                    received=received, size=size, arrived=self._clock())
                 self._make_room(topic, kept)
                 topic.frames[kept.number] = kept
                 self.size += kept.size

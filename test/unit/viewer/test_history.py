@@ -139,13 +139,12 @@ def test_frame_larger_than_the_limit_is_not_kept() -> None:
     run(work)
 
 
-def test_ten_seconds_before_the_newest_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ten_seconds_before_the_newest_frame() -> None:
     now = 100.0
-    monkeypatch.setattr(history_module.time, 'monotonic', lambda: now)
 
     async def work() -> None:
         nonlocal now
-        history = History(2**30)
+        history = History(2**30, lambda: now)
         history.watch(KEY)
         for number in range(30):
             history.add(KEY, received(number))
