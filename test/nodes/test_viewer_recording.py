@@ -273,6 +273,7 @@ def test_last_seconds_of_two_topics(start: Start, node: Node, tmp_path: Path) ->
         for name, camera in (('/left', raw), ('/right', jpeg)):
             await page.send(subscribe=name, looks=True)
             await camera.seen()
+
         async def shown(*cameras: Camera) -> None:
             wanted = {camera.number for camera in cameras}
             while wanted:

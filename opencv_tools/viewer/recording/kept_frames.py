@@ -37,6 +37,7 @@ FramesOf = Callable[[str], Sequence[ReceivedMessage]]
 # Possible ends of the names of topics, by the types of their messages.
 _ENDS = {IMAGE: ('',), COMPRESSED_IMAGE: ('/compressed', '')}
 
+
 @dataclass(frozen=True)
 class SavedFrames:
     """
