@@ -46,7 +46,8 @@ export class Arrangement {
   #values;
 
   /** Read the arrangement of the address, or that of the last visit if the address has none. */
-  constructor() {
+  constructor(onChange) {
+    this.onChange = onChange;
     const { searchParams } = new URL(location);
     const isGiven = KEPT.some((name) => searchParams.has(name));
     this.#values = newest([...isGiven ? [] : stored(), ...searchParams], NAMES);
@@ -112,6 +113,7 @@ export class Arrangement {
     this.#values = edited(this.#values, NAMES);
     this.keep();
     try { localStorage.setItem(KEY, edited(stored(), KEPT)); } catch { /* the browser refuses it */ }
+    this.onChange();
   }
 
   /** Write the arrangement into the address. */

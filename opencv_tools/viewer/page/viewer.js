@@ -41,7 +41,7 @@ const cameras = part('cameras');
 keep({ token: '' });
 const { searchParams: given } = new URL(location);
 
-const arrangement = new Arrangement();
+const arrangement = new Arrangement(layOut);
 const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
 let selected = topicOfAddress();
@@ -81,7 +81,11 @@ const connection = new Connection({
   },
   received(message) {
     if (message.topics) listTopics(message.topics);
-    if (message.more !== undefined) countMore(message.more);
+    if (message.more !== undefined) {
+      part('more').hidden = !message.more;
+      part('more').firstElementChild.textContent = message.more;
+      layOut();
+    }
     if (message.detections) overlays.list(message.detections);
     if (message.robot !== undefined) robot.setPublished(message.robot);
     for (const status of message.status ?? []) {
@@ -219,14 +223,6 @@ function listTopics(topics) {
   layOut();
 }
 
-/** Show how many topics are not in the list. */
-function countMore(count) {
-  part('more').hidden = !count;
-  part('more').textContent = `${count} more image topics are not listed. Choose with the parameter `
-    + 'topics, or write ?topic=NAME into the address.';
-  layOut();
-}
-
 /** Ask for the pictures that somebody sees. */
 function ask() {
   const [alone, other] = [shown(), beside()];
@@ -323,17 +319,11 @@ function arrangeTiles() {
   if (part('search') !== document.activeElement) part('search').value = arrangement.get('search');
 }
 
-function arrangeBy(name, value) {
-  arrangement.set(name, value);
-  layOut();
-}
-
 /** Pin or hide a topic, or show it before another one. */
 function rearrange(name, topic, before) {
   if (!tiles.has(topic) || topic === before) return;
   if (before) arrangement.place(topic, before, [...tiles.keys()]);
   else arrangement.toggle(name, topic);
-  layOut();
 }
 
 /** Move a pinned topic behind the next one, or before the last one. */
@@ -392,7 +382,10 @@ function show() {
   const ratios = shownTiles().map((tile) => tile.view.ratio).filter(Boolean);
   ratios.sort((one, other) => one - other);
   const one = tiles.get(shown());
-  showPanel();
+  range.show(one?.status.range, one?.range, one?.colors, one?.status.unit);
+  one?.look.ask();
+  overlays.show(Boolean(selected));
+  controls.show(tiles.get(selected)?.topic?.nodes ?? []);
   if (present === 'live') announce(one);
   arrange(shownTiles().length + (!selected && robot.isShown),
     one?.view.ratio || (ratios[ratios.length >> 1] ?? 16 / 9), one,
@@ -407,14 +400,6 @@ function announce(tile) {
   const sentence = isQuiet ? tile.link.title : 'Pictures arrive again';
   part('said').textContent = said.tile === tile ? sentence : '';
   said = { tile, isQuiet, at: Date.now() };
-}
-
-function showPanel() {
-  const tile = tiles.get(shown());
-  range.show(tile?.status.range, tile?.range, tile?.colors, tile?.status.unit);
-  tile?.look.ask();
-  overlays.show(Boolean(selected));
-  controls.show(tiles.get(selected)?.topic?.nodes ?? []);
 }
 
 function pause() {
@@ -467,10 +452,8 @@ function moveFocus(distance) {
   links[place < 0 ? 0 : Math.min(links.length - 1, Math.max(0, place + distance))]?.focus();
 }
 
-function focused() {
-  return document.activeElement?.closest('.tile')?.dataset.topic ?? '';
-}
-
+const topicOf = (element) => element?.closest('.tile')?.dataset.topic;
+const focused = () => topicOf(document.activeElement);
 const across = () => Number(cameras.style.getPropertyValue('--columns'));
 const ALL_KEYS = {
   ' ': pause,
@@ -508,7 +491,7 @@ const BUTTONS = {
   full: fillScreen,
   link: () => copyLink(Boolean(token)),
   'plain-link': () => copyLink(false),
-  unhide: () => arrangeBy('hide', ''),
+  unhide: () => arrangement.set('hide', ''),
 };
 for (const [id, action] of Object.entries(BUTTONS)) {
   part(id).addEventListener('click', (event) => {
@@ -517,9 +500,8 @@ for (const [id, action] of Object.entries(BUTTONS)) {
   });
 }
 for (const name of ['search', 'size', 'beside']) {
-  part(name).addEventListener('input', ({ target }) => arrangeBy(name, target.value));
+  part(name).addEventListener('input', ({ target }) => arrangement.set(name, target.value));
 }
-const topicOf = (element) => element.closest('.tile')?.dataset.topic;
 cameras.addEventListener('click', ({ target }) => {
   const { arrange: name, look: way } = target.closest('button')?.dataset ?? {};
   if (name === 'earlier' || name === 'later') move(topicOf(target), name === 'later');
