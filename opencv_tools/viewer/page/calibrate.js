@@ -144,7 +144,7 @@ function show() {
   write('state', words[present]);
   write('hint', sentence(nextStep()));
   if (!state?.board) write('capture', '');
-  const width = widths.find((step) => step >= tile.width) ?? 0;
+  const width = widths.find((step) => step >= tile.view.width) ?? 0;
   tile.ask(!document.hidden, { width, rate: RATE });
   tile.show(present);
 }

@@ -48,12 +48,8 @@ function makeInput(parameter) {
     return input;
   }
   const input = make(choices.length ? 'select' : 'input');
-  if (choices.length) {
-    for (const [value, text] of choices) input.append(new Option(text, JSON.stringify(value)));
-  } else if (type === 'bool') {
-    input.type = 'checkbox';
-    input.setAttribute('role', 'switch');
-  }
+  for (const [value, text] of choices) input.append(new Option(text, JSON.stringify(value)));
+  if (!choices.length && type === 'bool') Object.assign(input, { type: 'checkbox', role: 'switch' });
   return input;
 }
 
@@ -253,16 +249,15 @@ export class Controls {
 
   /** Show the parameters of a camera; one that does not answer is asked again. */
   #described(parameters) {
-    const panel = this.#panels.get(parameters.node);
-    if (parameters.ok !== false) {
+    const { node, ok, message } = parameters;
+    const panel = this.#panels.get(node);
+    if (ok !== false) {
       panel?.update(parameters);
       return;
     }
-    this.#notify(parameters.message);
+    this.#notify(message);
     setTimeout(() => {
-      if (panel && this.#panels.get(parameters.node) === panel) {
-        this.#send({ parameters: parameters.node });
-      }
+      if (panel && this.#panels.get(node) === panel) this.#send({ parameters: node });
     }, RETRY_MS);
   }
 }

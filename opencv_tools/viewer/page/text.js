@@ -44,7 +44,7 @@ export function age(seconds) {
 export function showName(element, name) {
   if (element.title === name) return;
   element.title = name;
-  const cut = Math.max(0, name.length - END);
+  const cut = name.length > END ? name.length - END : name.length;
   element.replaceChildren(...[name.slice(0, cut), name.slice(cut)].map((text) => {
     const span = document.createElement('span');
     span.textContent = text;

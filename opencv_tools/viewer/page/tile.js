@@ -70,11 +70,6 @@ export class Tile {
     this.view.listen(onLook, (event) => this.look.use(event));
   }
 
-  /** Width that the picture can have, in pixels of the screen. */
-  get width() {
-    return this.view.width * devicePixelRatio;
-  }
-
   /** Sequence number of the picture, for questions about it; -1 before the first one. */
   get picture() {
     return this.#drawn.sequence;

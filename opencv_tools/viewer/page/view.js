@@ -83,9 +83,9 @@ export class View {
     return this.#turns % 2 ? [height, width] : [width, height];
   }
 
-  /** Width that the image can have, in pixels of the page. */
+  /** Width that the image can have, in pixels of the screen. */
   get width() {
-    return this.#room[0];
+    return this.#room[0] * devicePixelRatio;
   }
 
   get #fitting() {

@@ -35,6 +35,8 @@ const SETTLE_MS = 100;
 const SAY_MS = 5000;
 const ZOOM = 1.5; // of a press of a button
 const STALLED_SECONDS = 2; // two pings without an answer
+// The parts of a tile that use messages, by kind.
+const RECEIVERS = { pixel: 'look', profile: 'look', histogram: 'look', boxes: 'overlay', camera: 'overlay' };
 
 const part = (id) => document.getElementById(id);
 const cameras = part('cameras');
@@ -45,11 +47,7 @@ const arrangement = new Arrangement(layOut);
 const tiles = new Map();
 const numbers = new Map(); // of topics, as in the head of a frame
 let selected = topicOfAddress();
-let host = '';
-let token = '';
-let control = false; // the parameter of the node
-let widths = [];
-let video = 'never'; // the parameter of the node
+let node = { host: '', token: '', widths: [], video: 'never', control: false }; // as it says itself
 let isExplained = false;
 let mood = 'lost';
 let isPaused = false;
@@ -63,13 +61,13 @@ const codecs = Object.keys(fixed).length ? [] : await decodedCodecs();
 
 const connection = new Connection({
   connected(hello) {
-    ({ host, token, widths, video, control } = hello);
-    part('plain-link').hidden = !token;
+    node = hello;
+    part('plain-link').hidden = !node.token;
     if (codecs.length) connection.send({ codecs });
     mood = 'live';
     for (const tile of tiles.values()) tile.reset();
     steps.reset();
-    controls.enable(control);
+    controls.enable(node.control);
     recording.enable();
     notify(explainLimits(given.get('range')));
     layOut();
@@ -98,11 +96,8 @@ const connection = new Connection({
     if (message.status) show();
     if (message.error) complain(message);
     if (message.refused) leaveVideo(message.refused);
-    for (const kind of ['pixel', 'profile', 'histogram']) {
-      if (message[kind]) tiles.get(message[kind].topic)?.look.receive(kind, message[kind]);
-    }
-    for (const kind of ['boxes', 'camera']) {
-      if (message[kind]) tiles.get(message[kind].topic)?.overlay.receive(kind, message[kind]);
+    for (const [kind, receiver] of Object.entries(RECEIVERS)) {
+      if (message[kind]) tiles.get(message[kind].topic)?.[receiver].receive(kind, message[kind]);
     }
     if (message.step) steps.receive(message.step);
     controls.receive(message);
@@ -174,11 +169,11 @@ function leaveVideo({ topic, reason }) {
 
 /** Return whether to ask for the video of a topic. */
 function takesVideo(tile) {
-  const isVideo = video === 'always'
-    || (video === 'auto' && (tile.topic?.transports.includes('video') ?? true));
+  const isVideo = node.video === 'always'
+    || (node.video === 'auto' && (tile.topic?.transports.includes('video') ?? true));
   if (isVideo && !codecs.length && tile.topic && !isExplained && !Object.keys(fixed).length) {
     isExplained = true;
-    notify(explainJpeg(host));
+    notify(explainJpeg(node.host));
   }
   return isVideo && codecs.length > 0 && !tile.refusesVideo;
 }
@@ -227,7 +222,7 @@ function listTopics(topics) {
 function ask() {
   const [alone, other] = [shown(), beside()];
   for (const tile of tiles.values()) {
-    const width = widths.find((step) => step >= tile.width) ?? 0;
+    const width = node.widths.find((step) => step >= tile.view.width) ?? 0;
     const looks = Boolean(alone) && [alone, other].includes(tile.name);
     const { boxes } = overlays.request; // whose pictures may wait for them, unlike video
     const options = takesVideo(tile) && !(looks && boxes) ? { width, video: true } : { width, ...fixed };
@@ -336,16 +331,16 @@ function move(topic, isLater) {
 /** Show one topic or all, as somebody has chosen. */
 function layOut() {
   document.body.dataset.view = selected ? 'one' : 'all';
-  const title = selected || (host ? `Cameras of ${host}` : 'Cameras');
+  const title = selected || (node.host ? `Cameras of ${node.host}` : 'Cameras');
   showName(part('title'), title);
   document.title = (recording.isOn ? '● ' : '')
-    + (selected && host ? `${selected} – ${host}` : title);
+    + (selected && node.host ? `${selected} – ${node.host}` : title);
   part('pause').ariaPressed = isPaused;
   part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
   part('previous').hidden = part('next').hidden = tiles.size < 2;
   robot.show(!selected, isPaused);
   steps.show(isPaused);
-  part('calibrate').hidden = !control || !selected || isRectified(selected);
+  part('calibrate').hidden = !node.control || !selected || isRectified(selected);
   part('calibrate').href = `/calibrate?topic=${encodeURIComponent(selected)}`;
   const alone = shown();
   if (alone !== selected) {
@@ -374,7 +369,7 @@ function state() {
 function show() {
   const present = state();
   const words = { live: 'Live', paused: 'Paused', stalled: 'Stalled',
-    lost: host ? 'Reconnecting' : 'Connecting' };
+    lost: node.host ? 'Reconnecting' : 'Connecting' };
   part('state').dataset.state = present;
   if (part('state').textContent !== words[present]) part('state').textContent = words[present];
   part('empty').hidden = tiles.size > 0 || robot.isShown || mood !== 'live';
@@ -407,22 +402,15 @@ function pause() {
   layOut();
 }
 
-async function save(name) {
-  if (!name) return;
-  const saved = savePicture(name).then((file) => `Saved ${file}`, ({ message }) => message);
-  notify(await saved);
+function save(name) {
+  if (name) savePicture(name).then((file) => notify(`Saved ${file}`), (err) => notify(err.message));
 }
 
 /** Copy the address of the page, with the token, which the address bar does not show. */
 function copyLink(hasToken) {
-  const url = addressWith({ token: hasToken && token });
+  const url = addressWith({ token: hasToken && node.token });
   const done = hasToken ? 'Copied the link with its token' : 'Copied the link';
   notify(copyText(url.href) ? done : `Copy this link: ${url}`);
-}
-
-function fillScreen() {
-  if (document.fullscreenElement) document.exitFullscreen();
-  else tiles.get(shown())?.element.requestFullscreen?.();
 }
 
 // What each button does to look into a picture.
@@ -488,8 +476,9 @@ const BUTTONS = {
   later: () => steps.by(1, shown(), beside()),
   save: () => save(shown()),
   rectified: () => change({ isRectified: !tiles.get(selected).isRectified }),
-  full: fillScreen,
-  link: () => copyLink(Boolean(token)),
+  full: () => (document.fullscreenElement ? document.exitFullscreen()
+    : tiles.get(shown())?.element.requestFullscreen?.()),
+  link: () => copyLink(Boolean(node.token)),
   'plain-link': () => copyLink(false),
   unhide: () => arrangement.set('hide', ''),
 };
