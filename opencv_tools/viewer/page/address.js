@@ -29,9 +29,7 @@ export function topicOfAddress() {
 }
 
 /** Keep settings in the address of the page. */
-export function keep(settings) {
-  history.replaceState(null, '', addressWith(settings));
-}
+export const keep = (settings) => history.replaceState(null, '', addressWith(settings));
 
 /**
  * Copy a text. The clipboard API would need https.

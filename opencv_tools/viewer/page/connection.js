@@ -21,9 +21,7 @@ const CLOCK_SAMPLES = 40;
 const FIRST_PINGS = 4;
 
 /** Return the time of the page in seconds; changes of the system clock have no effect. */
-function now() {
-  return (performance.timeOrigin + performance.now()) / 1000;
-}
+const now = () => (performance.timeOrigin + performance.now()) / 1000;
 
 /** Difference between the clocks of server and page, from the quickest of the last pings. */
 class Clock {

@@ -24,9 +24,7 @@ function make(name, style = '', text = '') {
 }
 
 /** Return words of a parameter's name: exposure_time_absolute is "exposure time absolute". */
-function words(name) {
-  return name.replaceAll('_', ' ');
-}
+const words = (name) => name.replaceAll('_', ' ');
 
 /** Return a field for a number. */
 function makeNumber({ type, minimum, maximum, step }) {

@@ -42,15 +42,10 @@ export class OverlayForm {
     }
     this.#form.addEventListener('submit', (event) => event.preventDefault());
     this.#form.addEventListener('input', () => {
-      this.keep();
+      keep(this.chosen);
       onChange();
     });
     this.list([]);
-  }
-
-  /** Write the overlays into the address. */
-  keep() {
-    keep(this.chosen);
   }
 
   /** Overlays by the name of the field; those without a value are not chosen. */

@@ -17,9 +17,7 @@ import { age, number } from './text.js';
 const part = (id) => document.getElementById(id);
 
 /** Return bytes as text. */
-function amount(bytes) {
-  return bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`;
-}
+const amount = (bytes) => (bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`);
 
 /** Return the account of a recording as text. */
 function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left, name }) {

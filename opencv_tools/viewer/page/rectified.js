@@ -16,9 +16,7 @@ const RECTIFIED = 'image_rect'; // name of image_proc, which img_publisher uses 
 const RAW = /\/image(_raw)?$/; // names of images that a node of its own rectifies
 
 /** Return whether a topic has rectified pictures by its name, such as image_rect_color. */
-export function isRectified(name) {
-  return name.slice(name.lastIndexOf('/') + 1).startsWith(RECTIFIED);
-}
+export const isRectified = (name) => name.slice(name.lastIndexOf('/') + 1).startsWith(RECTIFIED);
 
 /**
  * Return the topic with the rectified pictures of a camera; '' if there is none.

@@ -13,23 +13,16 @@
 // limitations under the License.
 
 const UNITS = [[86400, 'd'], [3600, 'h'], [60, 'min'], [1, 's']];
-
 const END = 16; // characters of a long name that are always shown
 
 /** Return a number as text with at most one decimal. */
-export function number(value) {
-  return Number.isFinite(value) ? String(Math.round(value * 10) / 10) : '';
-}
+export const number = (value) => (Number.isFinite(value) ? String(Math.round(value * 10) / 10) : '');
 
 /** Return a rate in Hz as text. */
-export function rate(value) {
-  return Number.isFinite(value) ? `${value.toFixed(1)} Hz` : '';
-}
+export const rate = (value) => (Number.isFinite(value) ? `${value.toFixed(1)} Hz` : '');
 
 /** Return the width and the height of an image as text, '' before the first image. */
-export function size({ width, height }) {
-  return width ? `${width} × ${height}` : '';
-}
+export const size = ({ width, height }) => (width ? `${width} × ${height}` : '');
 
 /** Return a duration in seconds as text. */
 export function age(seconds) {

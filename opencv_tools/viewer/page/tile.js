@@ -245,9 +245,7 @@ export class Tile {
     while (list.children.length > facts.length) list.lastElementChild.remove();
     facts.forEach(([name, text], place) => {
       const row = list.children[place] ?? list.appendChild(document.createElement('div'));
-      if (row.children.length === 0) {
-        row.append(document.createElement('dt'), document.createElement('dd'));
-      }
+      if (!row.firstChild) row.append(...['dt', 'dd'].map((kind) => document.createElement(kind)));
       row.dataset.fact = name.toLowerCase();
       row.firstElementChild.textContent = name;
       row.lastElementChild.textContent = text;

@@ -115,14 +115,12 @@ const connection = new Connection({
 const range = new RangeForm(change);
 const overlays = new OverlayForm(layOut);
 const controls = new Controls(part('controls'), (message) => connection.send(message), notify);
-
 const recording = new Recording((message) => connection.send(message),
   () => shownTiles().map((tile) => tile.topic?.id).filter(Boolean), (sentence) => {
     if (sentence) notify(sentence);
     layOut();
   });
 const steps = new Steps((message) => connection.send(message));
-
 const robot = new Robot(cameras, layOut);
 
 const inView = new IntersectionObserver((entries) => {
@@ -256,7 +254,7 @@ function select(name, isNew = true) {
   history[isNew ? 'pushState' : 'replaceState'](null, '', addressWith(settingsOf(name)));
   // A tile without a topic is there only while it is selected.
   arrangement.keep();
-  overlays.keep();
+  keep(overlays.chosen);
   listTopics([...tiles.values()].map((tile) => tile.topic).filter(Boolean));
   scrollTo(0, 0);
   if (!name) tiles.get(last)?.link.focus();
@@ -279,9 +277,7 @@ function beside() {
   return tiles.has(name) && name !== shown() ? name : '';
 }
 
-function shownTiles() {
-  return [...tiles.values()].filter((tile) => !tile.element.hidden);
-}
+const shownTiles = () => [...tiles.values()].filter((tile) => !tile.element.hidden);
 
 /** Show the tiles in the order and as somebody has arranged them. */
 function arrangeTiles() {
@@ -343,10 +339,8 @@ function layOut() {
   part('calibrate').hidden = !node.control || !selected || isRectified(selected);
   part('calibrate').href = `/calibrate?topic=${encodeURIComponent(selected)}`;
   const alone = shown();
-  if (alone !== selected) {
-    const { range: limits, colors } = tiles.get(selected);
-    Object.assign(tiles.get(alone), { range: limits, colors });
-  }
+  const { range: limits, colors } = tiles.get(selected) ?? {};
+  if (alone !== selected) Object.assign(tiles.get(alone), { range: limits, colors });
   part('rectified').hidden = part('rectified-key').hidden = !rectifiedOf(selected, tiles);
   part('rectified').ariaPressed = alone !== selected;
   arrangeTiles();
@@ -509,9 +503,8 @@ part('full').hidden = !document.fullscreenEnabled;
 setInterval(() => document.hidden || show(), REFRESH_MS);
 
 if (selected) {
-  const tile = addTile(selected);
-  tile.range = readLimits(given.get('range'));
-  tile.colors = given.get('colors') === 'gray' ? 'gray' : '';
-  tile.isRectified = given.get('rectified') === 'true';
+  Object.assign(addTile(selected), { range: readLimits(given.get('range')),
+    colors: given.get('colors') === 'gray' ? 'gray' : '',
+    isRectified: given.get('rectified') === 'true' });
 }
 layOut();
