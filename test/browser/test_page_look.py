@@ -19,6 +19,7 @@ from collections.abc import Callable
 import json
 
 from chromium import Browser, Page, wait_until
+from conftest import spin_until
 import cv2
 from images import oriented_jpeg, UPRIGHT
 import numpy as np
@@ -232,8 +233,17 @@ def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node)
         text.removeprefix('40, 220: ').split(', ')))
     assert np.abs(np.array([blue, green, red]) - STRIPE[0]).max() < 24
     page.press('h')
-    page.wait_for(f'{CHART} === "the browser decodes this video, so the node has no pixels of '
-                  'it: add quality=90 to the address of the page to get images"')
+    page.press('l')
+    for way in ('histogram', 'profile'):
+        button = f'tileOf({TOPIC!r}).querySelector("[data-look={way}]")'
+        assert page.evaluate(f'{button}.disabled && {button}.title').endswith(
+            'Add quality=90 to the address of the page to get images.')
+    assert page.evaluate('document.getElementById("panel").offsetWidth') == 0
+    page.press(' ')
+    page.wait_for('sent.at(-1).unsubscribe')
+    move(page, place_of(page, 120.5, 220.5, (320, 240)))
+    page.wait_for(f'/^120, 220: R [0-9]+, G 2[0-9]+, B [0-9]+ of the decoded video$/.test({VALUE})')
+    page.press(' ')
     page.press('1')
     page.press('+')
     assert page.evaluate('sent.filter((one) => one.region).length') == 0
@@ -243,6 +253,96 @@ def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node)
     page.press('h')
     page.wait_for(f'{CHART}.startsWith("0 to 255")')
     assert page.complaints() == []
+
+
+class BothCamera:
+    """A camera whose video is beside its images, which have other colours."""
+
+    def __init__(self, node: Node) -> None:
+        self.images, self.video = Camera(node, TOPIC), VideoCamera(node, TOPIC)
+        self._node = node
+
+    def show(self, page: Page, condition: str) -> None:
+        """Publish both again and again, until a condition holds."""
+        def is_shown() -> bool:
+            self.video.publish(5)
+            self.images.publish_image(np.full((240, 320, 3), (7, 8, 9), np.uint8), 'bgr8')
+            return bool(page.evaluate(condition))
+
+        spin_until(self._node, is_shown)
+
+
+def open_both(viewer: Viewer, browser: Browser, camera: BothCamera) -> Page:
+    """Show a topic with images and video alone, which comes as video, with the cursor in it."""
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    camera.show(page, f'numberOf({TOPIC!r}) === 5 && factOf({TOPIC!r}, "encoding") === "h264"')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')
+    move(page, place_of(page, 40.5, 220.5, (320, 240)))
+    page.wait_for(f'{VALUE}.endsWith("of the decoded video")')
+    return page
+
+
+@pytest.mark.parametrize('way', ['histogram', 'zoom'])
+def test_values_of_images_beside_video(
+        way: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    both = BothCamera(camera)
+    page = open_both(viewer, browser, both)
+    if way == 'histogram':
+        page.press('h')
+        both.show(page, f'{CHART} === "0 to 255"')
+        page.press('h')
+        page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the panel is gone
+        move(page, place_of(page, 40.5, 220.5, (320, 240)))
+    else:
+        wheel(page, place_of(page, 40.5, 220.5, (320, 240)), -300)
+    both.show(page, f'{VALUE} === "40, 220: B 7, G 8, R 9"')
+    page.press('0')
+    both.show(page, f'{VALUE} === "40, 220: B 7, G 8, R 9"')  # still the images
+    assert 'video' not in page.evaluate('sent.filter((one) => one.subscribe).at(-1)')
+    page.press('Escape')
+    both.show(page, f'numberOf({TOPIC!r}) === 5')  # video again
+    assert page.complaints() == []
+
+
+def test_video_that_is_paused_shows_values_of_an_image(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    both = BothCamera(camera)
+    page = open_both(viewer, browser, both)
+    page.press(' ')
+    both.show(page, 'sent.some((one) => one.held)')
+    page.wait_for(f'{VALUE} === "40, 220: B 7, G 8, R 9"')
+    page.press(',')
+    page.wait_for(f'tileOf({TOPIC!r}).querySelector("output.step").textContent !== ""')
+    page.press('h')
+    page.wait_for(f'{CHART} === "0 to 255"')
+    page.press(' ')
+    both.show(page, f'{VALUE} === "40, 220: B 7, G 8, R 9"')
+    assert 'video' not in page.evaluate('sent.filter((one) => one.subscribe).at(-1)')
+    assert page.complaints() == []
+
+
+def test_value_after_the_view_has_changed(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = random_image()
+    page = open_image(viewer, browser, camera, image)
+
+    def check(x: float, y: float) -> None:
+        column, row = int(x), int(y)
+        text = ', '.join(f'{name} {value}' for name, value in zip(
+            'BGR', image[row, column], strict=True))
+        page.wait_for(f'{VALUE} === "{column}, {row}: {text}"')
+
+    place = place_of(page, 80.5, 440.5)
+    move(page, place)
+    check(80, 440)
+    page.press('+')
+    check(320 + (80.5 - 320) / 1.5, 240 + (440.5 - 240) / 1.5)
+    page.evaluate('document.querySelector("[data-look=in]").click()')
+    check(320 + (80.5 - 320) / 2.25, 240 + (440.5 - 240) / 2.25)
+    page.press('0')
+    check(80, 440)
+    page.press('m')  # flipped from left to right
+    check(639 - 80, 440)
 
 
 def test_line_of_a_touch_that_is_cancelled(

@@ -24,6 +24,8 @@ export class Look {
   #tile;
   #send;
   #cursor = null;
+  #place = null; // of the pointer over this picture, on the page
+  #reason = ''; // why there are no charts
   #begin = null; // of a line that is drawn
   #line = null;
   #asked = {}; // by kind
@@ -48,11 +50,11 @@ export class Look {
 
   /** Use an event of a pointer; return whether it draws a line. */
   use(event) {
-    const pixel = this.#tile.view.pixel(event);
     const isGone = event.type === 'pointerleave' && event.pointerType === 'mouse';
-    this.#point(isGone ? null : pixel, false);
-    this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
-    if (event.type === 'pointerdown' && event.shiftKey) this.#setChart('profile');
+    this.#place = isGone ? null : event;
+    this.#pointAt(this.#place);
+    const pixel = this.#cursor;
+    if (event.type === 'pointerdown' && event.shiftKey && !this.#reason) this.#setChart('profile');
     if (event.type === 'pointerdown' && this.chart === 'profile') this.#begin = pixel;
     if (event.type === 'pointercancel') this.#begin = null;
     if (this.#begin && pixel) this.#line = [this.#begin, pixel];
@@ -62,8 +64,21 @@ export class Look {
     return Boolean(this.#begin);
   }
 
+  /** Use the pixel that is under the pointer now, because the picture has another place. */
+  move() {
+    if (this.#place) this.#pointAt(this.#place);
+    else this.#drawLine();
+  }
+
+  #pointAt(place) {
+    this.#point(place && this.#tile.view.pixel(place), false);
+    this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
+    this.#drawLine();
+  }
+
   /** Use a place of a cursor over another picture as if it were here. */
   follow(place) {
+    this.#place = null;
     this.#point(place?.map((one, axis) => Math.floor(one * this.#tile.view.size[axis])), true);
     this.#drawLine();
     this.ask();
@@ -73,6 +88,17 @@ export class Look {
     this.#cursor = pixel ?? null;
     this.#follows = follows;
     if (!pixel) this.#output.textContent = '';
+  }
+
+  /** Offer charts; '' is no reason against them. */
+  offer(reason) {
+    this.#reason = reason;
+    if (reason && this.chart) this.#setChart('');
+    for (const button of this.#tile.element.querySelectorAll('.look [aria-pressed]')) {
+      button.disabled = Boolean(reason);
+      button.dataset.title ??= button.title;
+      button.title = reason || button.dataset.title;
+    }
   }
 
   /** Show another chart, or none if it is shown. */
@@ -102,12 +128,13 @@ export class Look {
   ask() {
     if (!this.#output.checkVisibility()) return;
     const { view, isVideo, context } = this.#tile;
-    if (this.#cursor && isVideo) {
+    if (isVideo) {
+      if (!this.#cursor) return;
       const [red, green, blue] = context.getImageData(...this.#cursor, 1, 1).data;
       this.#answer(`R ${red}, G ${green}, B ${blue} of the decoded video`);
-    } else if (this.#cursor) {
-      this.#question('pixel', { at: this.#cursor });
+      return;
     }
+    if (this.#cursor) this.#question('pixel', { at: this.#cursor });
     if (this.chart === 'histogram') this.#question('histogram', { region: view.region });
     if (this.#line) this.#question('profile', { from: this.#line[0], to: this.#line[1] });
   }

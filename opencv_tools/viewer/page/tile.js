@@ -37,10 +37,11 @@ export class Tile {
   refusal = '';
   refusesVideo = false;
   #asked = '';
+  #isLookedInto = false;
   #video = null;
   #askedAt = 0;
   #connected = {}; // another object after each reset
-  #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '' };
+  #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '', isVideo: false };
   #ages = [];
   #age = NaN;
   #history;
@@ -67,21 +68,47 @@ export class Tile {
     this.#history = new History(this.#part('.history'));
     this.look = new Look(this, (message) => connection.send(message), onPoint);
     this.overlay = new Overlay(this);
-    this.view.listen(onLook, (event) => this.look.use(event));
+    const { onPlace } = this.view;
+    this.view.onPlace = () => {
+      onPlace();
+      this.look.move();
+    };
+    this.view.listen(() => {
+      this.look.ask();
+      onLook();
+    }, (event) => this.look.use(event));
   }
 
-  /** Sequence number of the picture, for questions about it; -1 before the first one. */
+  /** Sequence number of the image, for questions about it; -1 before the first one and for video. */
   get picture() {
-    return this.#drawn.sequence;
+    return this.isVideo ? -1 : this.#drawn.sequence;
   }
 
   /** Whether the node can keep the picture while the page is paused. */
   get isKept() {
-    return this.#asked !== '' && this.picture >= 0 && !this.isVideo;
+    return this.#asked !== '' && this.picture >= 0;
   }
 
+  /** Whether the picture is one of a video, which the node does not decode. */
   get isVideo() {
-    return this.#video !== null;
+    return this.#drawn.isVideo;
+  }
+
+  /** Whether there are messages with images, which have the values that a video has not. */
+  get hasImages() {
+    return Boolean(this.topic?.transports.some((one) => one !== 'video'));
+  }
+
+  /**
+   * Return whether images are needed: somebody has looked into the picture.
+   *
+   * @param looks whether the picture is shown alone; the answer stays until it is not.
+   * @param isPaused whether the page is paused.
+   */
+  needsImages(looks, isPaused) {
+    this.#isLookedInto = looks
+      && (this.#isLookedInto || isPaused || Boolean(this.look.chart || this.view.region));
+    return this.#isLookedInto && this.hasImages;
   }
 
   /** Forget what was asked, because the connection is a new one or the topic appeared. */
@@ -127,7 +154,7 @@ export class Tile {
     this.#video ??= new Video({
       picture: (frame, head) => {
         const sides = [head.width || frame.displayWidth, head.height || frame.displayHeight];
-        this.#show(frame, sides, head, [0, 0, ...sides, ...sides]);
+        this.#show(frame, sides, { ...head, isVideo: true }, [0, 0, ...sides, ...sides]);
       },
       answer: (sequence) => this.connection.send({ got: sequence }),
       requestKey: () => this.connection.send({ key: this.name }),
@@ -162,14 +189,14 @@ export class Tile {
   }
 
   /** Draw a picture of a part of an image, unless a newer one is shown. */
-  #show(picture, [width, height], { sequence, stamp, sent }, place) {
+  #show(picture, [width, height], { sequence, stamp, sent, isVideo = false }, place) {
     if (sequence <= this.#drawn.sequence) return;
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     this.context.drawImage(picture, 0, 0);
     this.#drawn = {
       sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
-      period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(),
+      period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(), isVideo,
     };
     this.#ages.push(this.#drawn.at - this.#drawn.from);
     this.#ages.splice(0, this.#ages.length - AGES);

@@ -38,6 +38,9 @@ const STALLED_SECONDS = 2; // two pings without an answer
 // The parts of a tile that use messages, by kind.
 const RECEIVERS = { pixel: 'look', profile: 'look', histogram: 'look', boxes: 'overlay', camera: 'overlay' };
 
+const NO_CHARTS = 'The browser decodes this video, so the node has no pixels of it. Add quality=90 '
+  + 'to the address of the page to get images.';
+
 const part = (id) => document.getElementById(id);
 const cameras = part('cameras');
 keep({ token: '' });
@@ -107,7 +110,7 @@ const connection = new Connection({
     const { id, isVideo } = readTopic(bytes);
     const tile = numbers.get(id);
     if (tile && isVideo) tile.decode(bytes);
-    else if (tile) tile.draw(bytes);
+    else if (tile) tile.draw(bytes).then(() => isPaused && ask());
     else connection.send({ got: new DataView(bytes).getUint32(4) });
   },
 });
@@ -223,12 +226,16 @@ function ask() {
     const width = node.widths.find((step) => step >= tile.view.width) ?? 0;
     const looks = Boolean(alone) && [alone, other].includes(tile.name);
     const { boxes } = overlays.request; // whose pictures may wait for them, unlike video
-    const options = takesVideo(tile) && !(looks && boxes) ? { width, video: true } : { width, ...fixed };
+    const needsImages = tile.needsImages(looks, isPaused);
+    const isVideo = takesVideo(tile) && !needsImages && !(looks && boxes);
+    tile.look.offer(isVideo && !tile.hasImages ? NO_CHARTS : '');
+    const options = isVideo ? { width, video: true } : { width, ...fixed };
     if (looks) options.looks = true;
     const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
     if (held) options.held = true;
     const isSeen = tile.inView && !tile.element.hidden;
-    const isWanted = held || (isSeen && !isPaused && !document.hidden);
+    const isLate = needsImages && isPaused && tile.isVideo; // the page was paused with video
+    const isWanted = held || (isSeen && !document.hidden && (!isPaused || isLate));
     tile.ask(isWanted, options);
     tile.overlay.show(looks ? overlays.chosen : {}, looks && isWanted ? overlays.request : null);
   }
