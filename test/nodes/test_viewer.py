@@ -381,6 +381,26 @@ def test_depth_has_a_range(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+def test_each_page_has_the_range_of_its_own_picture(viewer: NodeProcess, node: Node) -> None:
+    camera = Camera(node, 'depth', latched=True)
+    depth = np.tile(np.linspace(1000, 3000, 64).astype(np.uint16), (48, 1))
+    camera.publish(depth, '16UC1')
+
+    async def look() -> None:
+        url = address_of(viewer)
+        fixed, automatic = [await Page.connect(url) for _ in range(2)]
+        for page, options in ((automatic, {}), (fixed, {'range': [0, 500]})):
+            await listed(page, '/depth')
+            await page.send(subscribe='/depth', **options)
+            await page.picture()
+        for _ in range(2):  # the fixed picture is the last one that was encoded
+            assert (await fixed.status(lambda state: state['range']))['range'] == [0, 500]
+            low, high = (await automatic.status(lambda state: state['range']))['range']
+            assert 1000 <= low < high <= 3000
+
+    run_page(look())
+
+
 def test_topics_of_another_type_and_unknown_topics(viewer: NodeProcess, node: Node) -> None:
     chatter, camera = node.create_publisher(String, 'chatter', 10), Camera(node, 'image')
 
