@@ -35,9 +35,7 @@ export class History {
   add({ rate: frames, lost, restarted }, seconds) {
     const second = Math.floor(performance.now() / 1000);
     if (second <= this.#samples.at(-1)?.second) return;
-    this.#samples.push({
-      second, rate: frames, age: seconds, lost: Math.max(0, lost - this.#lost),
-    });
+    this.#samples.push({ second, rate: frames, age: seconds, lost: Math.max(0, lost - this.#lost) });
     this.#lost = lost;
     const restart = second - Math.round(restarted ?? Infinity);
     if (restart > (this.#restarts.at(-1) ?? -Infinity) + AGAIN) this.#restarts.push(restart);

@@ -170,8 +170,7 @@ export class Tile {
   async draw(bytes) {
     const head = new DataView(bytes);
     const sequence = head.getUint32(4);
-    const stamp = head.getFloat64(8);
-    const sent = head.getFloat64(16);
+    const [stamp, sent] = [head.getFloat64(8), head.getFloat64(16)];
     const connected = this.#connected;
     try {
       const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, HEAD_BYTES)],

@@ -274,9 +274,7 @@ function step(distance) {
 }
 
 /** Return the topic that is shown alone, which may be the rectified one; '' for all topics. */
-function shown() {
-  return (tiles.get(selected)?.isRectified && rectifiedOf(selected, tiles)) || selected;
-}
+const shown = () => (tiles.get(selected)?.isRectified && rectifiedOf(selected, tiles)) || selected;
 
 /** Return the topic beside that which is shown alone; '' for none. */
 function beside() {
