@@ -29,7 +29,7 @@ from opencv_tools.units import NANO
 #: Type of the messages.
 DETECTIONS = 'vision_msgs/msg/Detection2DArray'
 #: Largest size of a message in bytes, and number of its detections, which bound the time.
-MAX_BYTES, MAX_DETECTIONS = 1 << 23, 20_000
+MAX_BYTES, MAX_DETECTIONS = 1 << 23, 10_000
 #: Largest number of boxes for a page.
 MAX_BOXES = 500
 _LARGEST = 1e6  # pixels; no image is so large

@@ -95,10 +95,16 @@ def test_boxes_with_the_highest_scores() -> None:
     assert boxes.describe() == '500 of 10000 boxes, those with the highest scores'
 
 
+def test_largest_number_of_boxes_is_within_the_largest_size() -> None:
+    data = memoryview(serialized([CUP] * MAX_DETECTIONS, 5))
+    assert read_header(data) == BoxHeader(5, '')
+    assert read_boxes(data).others == MAX_DETECTIONS - MAX_BOXES
+
+
 def test_limits() -> None:
     too_many = bytearray(serialized([]))
     too_many[-4:] = struct.pack('<I', MAX_DETECTIONS + 1)
-    with pytest.raises(CdrError, match='it has 20001 detections: 20000 are the limit'):
+    with pytest.raises(CdrError, match='it has 10001 detections: 10000 are the limit'):
         read_boxes(memoryview(too_many))
     with pytest.raises(CdrError, match=f'it has {MAX_BYTES + 1} bytes: {MAX_BYTES} are the limit'):
         read_header(memoryview(bytes(MAX_BYTES + 1)))
