@@ -69,6 +69,9 @@ class CameraOverlay:
             overlay = camera_json(data, self._topic, size)
         except ImageError as err:
             self._problem = printable(err, MAX_MESSAGE)
+        if overlay['outline'] and not any(overlay['outline']):
+            self._problem = ('no point of the undistorted view is near the image, because D, R or '
+                             'P of the camera_info is wrong: calibrate the camera')
         self._post({'camera': {'topic': self._topic, **overlay}})
 
     def describe(self) -> str:

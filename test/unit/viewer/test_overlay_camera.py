@@ -84,3 +84,7 @@ def test_overlay_is_sent_when_it_has_changed() -> None:
     size.append(SIZE)
     source.receive([serialize_message(info(k=np.zeros(9)))])
     assert 'its K is zero' in overlay.describe()
+    source.receive([serialize_message(info(d=[1e300] * 5))])
+    assert overlay.describe().startswith('no point of the undistorted view is near the image')
+    source.receive([serialize_message(info())])
+    assert overlay.describe() == ''
