@@ -35,7 +35,8 @@ from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image
 import pytest
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Image
+from stereo_msgs.msg import DisparityImage
 from viewing import address_of, Camera, Page, publishing, run_page, until
 
 Start = Callable[..., NodeProcess]
@@ -389,6 +390,32 @@ def test_topic_without_frames_and_topic_that_ends(
     (bag,) = recorded_files(folder)
     assert '/image' in images_in(bag)
     assert 'Traceback' not in viewer.output
+
+
+def test_disparity(start: Start, node: Node, tmp_path: Path) -> None:
+    folder = tmp_path / 'bags'
+    viewer = start('img_viewer', port=0, control='true', record_dir=folder)
+    publisher = node.create_publisher(DisparityImage, '/disparity', 10)
+    numbers = np.arange(20, dtype=np.float32)
+    image = Image(height=4, width=5, encoding='32FC1', step=20, data=numbers.tobytes())
+    message = DisparityImage(image=image)
+
+    async def act() -> None:
+        recording = await Recording.connect(viewer)
+        assert (await recording.ask(await recording.numbers('/disparity')))['ok']
+        await until(lambda: publisher.get_subscription_count() > 0)
+        for message.header.stamp.sec in range(1, 4):
+            publisher.publish(message)
+        await recording.state(lambda state: state['frames'] == 3)
+        assert (await recording.ask(False))['ok']
+
+    run_page(act())
+    (path,) = recorded_files(folder)
+    bag = Bag(path)
+    with closing(bag):
+        assert [(one.header.sec, one.encoding, bytes(one.data)) for one in (
+            cdr_to_image(message.load()) for message in bag.messages([*bag.topics]))
+        ] == [(sec, '32FC1', numbers.tobytes()) for sec in range(1, 4)]
 
 
 def test_recording_without_a_frame(start: Start, node: Node, tmp_path: Path) -> None:
