@@ -34,6 +34,8 @@ from test_page_layout import check_all
 
 pytest_plugins = ['pages']
 
+#: Bytes of a frame, as the account has them.
+SIZE = f'{numbered_frame(0).nbytes / 1000:g} kB'
 RECORD = 'document.getElementById("record")'
 ACCOUNT = 'document.getElementById("recording").textContent'
 NOTICE = 'document.getElementById("notice").textContent'
@@ -103,7 +105,10 @@ def test_grid_by_pointer_and_second_page(
     page.wait_for(IS_ON)
     other = browser.new_page(f'{recorder.url}&topic=/rear')
     other.wait_for(IS_ON)
-    publish_recorded(front, 1, 2, 3)
+    page.wait_for(f'{ACCOUNT}.includes(", 0 frames, 0 lost, 0 dropped, 0 bytes, ")')
+    publish_recorded(front, 1)
+    page.wait_for(f'{ACCOUNT}.includes(", {SIZE}, ")')
+    publish_recorded(front, 2, 3)
     publish_recorded(rear, 4, 5)
     hidden.publish(6)
     for shown in (page, other):
