@@ -30,6 +30,7 @@ export class View {
   #center = [0, 0]; // pixel of the image in the middle of the frame
   #part = [0, 0, 0, 0]; // of the image that the canvas has: x, y, width and height
   #pointers = new Map();
+  #pointer = null; // where the pointer is
   #turns = 0; // quarters, after the flip
   #isFlipped = false;
 
@@ -55,15 +56,16 @@ export class View {
         event.preventDefault();
         const pixels = event.deltaY * (event.deltaMode ? WHEEL.line : 1);
         this.zoom(this.scale * Math.exp(-limit(pixels, -WHEEL.most, WHEEL.most) * WHEEL.speed),
-          event);
+          this.#exact(event));
       },
-      dblclick: (event) => this.zoom(this.#scale ? 0 : 1 / devicePixelRatio, event),
+      dblclick: (event) => this.zoom(this.#scale ? 0 : 1 / devicePixelRatio, this.#exact(event)),
       pointerdown: (event) => {
         if (event.button) return; // of the menu, not of the picture
         frame.setPointerCapture(event.pointerId);
         if (!onPointer(event)) this.#pointers.set(event.pointerId, event);
       },
       pointermove: (event) => {
+        this.#pointer = event;
         if (!onPointer(event) && this.#pointers.has(event.pointerId)) this.#drag(event);
       },
       pointerleave: (event) => onPointer(event),
@@ -75,6 +77,13 @@ export class View {
     for (const [name, action] of Object.entries(actions)) {
       frame.addEventListener(name, (event) => !frame.href && this.size[0] && action(event));
     }
+  }
+
+  /** Return the place of a wheel or a click, which is rounded, as that of the pointer. */
+  #exact(event) {
+    const isThere = this.#pointer && ['clientX', 'clientY'].every(
+      (name) => Math.abs(event[name] - this.#pointer[name]) < 1);
+    return isThere ? this.#pointer : event;
   }
 
   /** Size of the frame in pixels of the page, along the axes of the image. */
