@@ -392,6 +392,25 @@ def test_topic_without_frames_and_topic_that_ends(
     assert 'Traceback' not in viewer.output
 
 
+def test_silent_topics_have_reasons_of_their_own(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    viewer = start('img_viewer', port=0, control='true', record_dir=tmp_path / 'bags')
+    cameras = [Camera(node, f'/image{number}') for number in range(5)]
+    names = [camera.publisher.topic_name for camera in cameras]
+
+    async def act() -> None:
+        recording = await Recording.connect(viewer)
+        assert (await recording.ask(await recording.numbers(*names)))['ok']
+        cameras[1].destroy()
+        found = re.compile('; '.join([
+            r'no frames of /image0: /image0 has a publisher \(node /\S+\), but no frame arrives',
+            r'no frames of /image1: no publisher on /image1',
+            r'no frames of /image2: /image2 has [^;]*', 'and 2 more']))
+        await recording.state(lambda state: found.fullmatch(state['problem']))
+
+    run_page(act())
+
+
 def test_disparity(start: Start, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'bags'
     viewer = start('img_viewer', port=0, control='true', record_dir=folder)

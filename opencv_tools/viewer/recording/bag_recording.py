@@ -24,7 +24,7 @@ from threading import Lock
 import time
 from typing import Any
 
-from opencv_tools.image.text import enumerated, printable
+from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.disk_reserve import SinkWithReserve
@@ -37,6 +37,7 @@ from rclpy.node import Node
 # Frames that wait for the disk, and their bytes. A frame that finds no room is dropped.
 _MAX_FRAMES, _MAX_BYTES = 64, 256 << 20
 _SILENT_SECONDS = 3.0
+_MAX_SILENT = 3  # topics whose reasons are shown
 
 
 class BagRecording:
@@ -143,18 +144,22 @@ class BagRecording:
 
     def _describe_problem(self) -> str:
         """Return what the user should know, as a sentence; '' for nothing."""
+        if self._recorder.is_unfinished and self._seconds >= 0:
+            reason = self._sink.refusal or self._problem
+            return f'the bag is not finished, which the next start of this node does: {reason}'
         if self._sink.refusal or self._problem:
             return self._sink.refusal or self._problem
         if self._recorder.counts.failed and self._sink.counts.reason:
             return (f'{self._recorder.counts.failed} frames are not written: '
                     f'{printable(self._sink.counts.reason)}')
         now = time.monotonic()
-        silent = [name for name, topic in self._topics.items()
-                  if now - topic.heard_at > _SILENT_SECONDS]
-        if not silent or self._seconds >= 0:
-            return ''
-        shown = enumerated([*map(printable, silent)])
-        return f'no frames of {shown}: {self._topics[silent[0]].explain_no_frames()}'
+        silent = [] if self._seconds >= 0 else [
+            (name, topic) for name, topic in self._topics.items()
+            if now - topic.heard_at > _SILENT_SECONDS]
+        reasons = [f'no frames of {printable(name)}: {topic.explain_briefly()}'
+                   for name, topic in silent[:_MAX_SILENT]]
+        others = len(silent) - len(reasons)
+        return '; '.join(reasons) + (f'; and {others} more' if others else '')
 
     def _add_info(self, name: str, message: RecordedMessage) -> None:
         """Record a camera_info once, which is beside several topics of one camera."""

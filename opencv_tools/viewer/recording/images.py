@@ -21,6 +21,7 @@ import time
 from typing import NamedTuple
 
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.nodes.bag_messages import BagMessages
 from opencv_tools.recording.bag_file import RecordedMessage
@@ -79,9 +80,9 @@ class RecordedImages:
         account = self._subscription.account
         return account.lost + account.skipped
 
-    def explain_no_frames(self) -> str:
-        """Return the reason why no frame arrives, with a remedy, as a sentence."""
-        return self._subscription.explain_no_frames()
+    def explain_briefly(self) -> str:
+        """Return the reason why no frame arrives, without the remedies, which the log has."""
+        return printable(self._subscription.explain_no_frames().partition('; ')[0])
 
     def close(self, has_room: Callable[[], bool]) -> int:
         """
