@@ -21,6 +21,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.image.errors import ImageError
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import LimitReached
@@ -44,6 +45,8 @@ class SinkWithReserve:
         self.left: int | None = None
         #: Why the recording has ended; '' until then.
         self.refusal = ''
+        #: Whether the end of the bag could not be written.
+        self.is_cut_off = False
         self._sink = sink
         self._folder = folder
 
@@ -82,5 +85,14 @@ class SinkWithReserve:
         self._sink.add_message(message)
 
     def close(self) -> None:
-        """Finish the bag."""
-        self._sink.close()
+        """
+        Finish the bag.
+
+        :raises OSError: the disk is full, or another error; the bag is not finished.
+        :raises ImageError: the bag cannot be finished.
+        """
+        try:
+            self._sink.close()
+        except (OSError, ImageError):
+            self.is_cut_off = True
+            raise

@@ -365,12 +365,32 @@ def test_principal_point_and_undistorted_view(
     assert page.complaints() == []
 
 
+def test_camera_before_the_first_picture(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, TOPIC, LATCHED).publish_image(picture(), 'bgr8', STAMP)
+    camera.create_publisher(CameraInfo, INFO, LATCHED).publish(CameraInfo(
+        width=WIDTH, height=HEIGHT, k=[400.0, 0, 320, 0, 400, 240, 0, 0, 1],
+        p=[400.0, 0, 320, 0, 0, 400, 240, 0, 0, 0, 1, 0], r=np.eye(3).ravel()))
+    page = browser.new_page('about:blank')
+    page.call('Page.addScriptToEvaluateOnNewDocument', source=(
+        'const decode = createImageBitmap; const released = new Promise((release) => {'
+        '  window.release = release; }); window.createImageBitmap = async (...image) => {'
+        '  await released; return decode(...image); };'))
+    page.go(f'{viewer.url}?topic={TOPIC}&center=true&outline=true')
+    page.wait_for('sent.some((one) => one.overlays)')
+    settle(page)  # the camera arrives meanwhile
+    page.evaluate('release()')
+    page.wait_for('document.querySelector(".camera").getAttribute("d")?.length > 1000')
+    assert page.complaints() == []
+
+
 def test_topics_that_appear_later(
         start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
     viewer = start_viewer()
     Camera(camera, TOPIC, LATCHED).publish_image(picture(), 'bgr8', STAMP)
     page = open_page(viewer, browser, f'&boxes={BOXES}&center=true')
-    page.wait_for(f'{NOTE} === "{INFO} is not a published topic of sensor_msgs/msg/CameraInfo"')
+    page.wait_for(f'{NOTE} === "{BOXES} is not a published topic of vision_msgs/msg/Detection2DArray; '
+                  f'{INFO} is not a published topic of sensor_msgs/msg/CameraInfo"')
     assert page.evaluate('document.querySelector("#overlays select").value') == BOXES
     Detector(camera, BOXES, LATCHED).publish(STAMP, [RED, BLUE])
     page.wait_for(f'{SIDES}.length === 2')

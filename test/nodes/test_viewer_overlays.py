@@ -23,11 +23,12 @@ from detections import Detector
 import numpy as np
 import pytest
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from viewing import address_of, Camera, Page, run_page, until
 
 Start = Callable[..., NodeProcess]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 GRAY = np.full((48, 64, 3), 90, np.uint8)
 SECOND = 10**9  # the stamp of the first image
 
@@ -67,6 +68,27 @@ def test_only_published_topics_of_boxes(viewer: NodeProcess, node: Node) -> None
         assert (await page.text('boxes'))['list'] == [[1, 2, 3, 4, 0, 'cup 0.50']]
         await page.send(unsubscribe='/image')
         await until(lambda: detector.publisher.get_subscription_count() == 0)
+
+    run_page(look())
+
+
+def test_topic_of_boxes_that_ends_and_comes_again(viewer: NodeProcess, node: Node) -> None:
+    Camera(node, '/image', latched=True).publish(GRAY)
+    boxes = [(1.0, 2.0, 3.0, 4.0, 0.0, 'cup', 0.5)]
+    first = Detector(node, '/boxes', LATCHED)
+    first.publish(SECOND, boxes)
+
+    async def look() -> None:
+        page = await open_page(viewer, '/image')
+        await page.send(overlays='/image', boxes='/boxes')
+        await page.status(lambda state: state['overlay'] == '1 box')
+        node.destroy_publisher(first.publisher)
+        await page.status(lambda state: state['overlay'] == (
+            '/boxes is not a published topic of vision_msgs/msg/Detection2DArray'))
+        last = Detector(node, '/boxes', BEST_EFFORT)
+        await until(lambda: last.publisher.get_subscription_count() > 0)
+        last.publish(SECOND, boxes * 2)
+        await page.status(lambda state: state['overlay'] == '2 boxes')
 
     run_page(look())
 

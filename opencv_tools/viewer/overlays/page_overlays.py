@@ -122,7 +122,7 @@ class PageOverlays:
         return sequence
 
     def status(self, topic: str) -> _Message:
-        """Return what is drawn, or why nothing is; look for what was refused once more."""
+        """Return what is drawn, or why nothing is; look for the topics once more."""
         notes = []
         drawn, camera = self._boxes.get(topic), self._cameras.get(topic)
         channel = self._channel_of(topic)
@@ -130,13 +130,13 @@ class PageOverlays:
             drawn.frames.boxes.hold(isinstance(channel, Channel) and channel.options.held)
             number, _ = self._sent.get(topic, (0, 0))
             notes.append(drawn.frames.describe(number) if isinstance(channel, Channel)
-                         else 'boxes need pictures, and this is video')
+                         else drawn.source.refusal or 'boxes need pictures, and this is video')
+            self._sources.open(drawn.source)  # it may have ended, or come again
         if camera:
             camera.look()
             notes.append(camera.describe())
-        for overlay in (drawn, camera):
-            if overlay and overlay.source.refusal:
-                self._sources.open(overlay.source)
+            if camera.source.refusal:
+                self._sources.open(camera.source)
         return {'overlay': '; '.join(filter(None, notes))}
 
     def _set_boxes(self, topic: str, name: str) -> None:

@@ -29,6 +29,7 @@ from opencv_tools.topics.topic_discovery import image_topics
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.viewer.errors import RequestError
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
 #: Type of the messages with the calibration of a camera.
 CALIBRATION = 'sensor_msgs/msg/CameraInfo'
@@ -63,15 +64,17 @@ class OverlayTopics:
 
     def open(self, key: OverlayKey, receive: Receive) -> None:  # noqa: A003
         """
-        Read a topic, until it is closed.
+        Read a topic, until it is closed, or is found to have ended.
 
         :raises RequestError: there is no such topic, or the parameter ``topics`` forbids it.
         """
         name, type_name = key
+        if key in self._open and self._offers(key):
+            return
+        self.close(key)
         if name not in self._published(type_name):
             raise RequestError(f'{printable(name)} is not a published topic of {type_name}', 404)
-        offers = [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)
-                  if info.topic_type == type_name]
+        offers = self._offers(key)
         is_calibration = type_name == CALIBRATION
         depth, seconds = (1, _CALIBRATION_SECONDS) if is_calibration else (_DEPTH, _SECONDS)
         reader = MessageReader(
@@ -90,7 +93,6 @@ class OverlayTopics:
             self._node.destroy_timer(timer)
             reader.destroy()
 
-        self.close(key)
         self._open[key] = close
 
     def close(self, key: OverlayKey) -> None:
@@ -106,6 +108,11 @@ class OverlayTopics:
     def _published(self, type_name: str) -> Iterator[str]:
         for name in image_topics(self._node, {type_name}):
             is_wanted = type_name == CALIBRATION or self._is_wanted(name)  # it is of a camera
-            if is_wanted and any(info.topic_type == type_name for info in
-                                 self._node.get_publishers_info_by_topic(name)):
+            if is_wanted and self._offers((name, type_name)):
                 yield name
+
+    def _offers(self, key: OverlayKey) -> list[QoSProfile]:
+        """Return what the publishers of a topic offer."""
+        name, type_name = key
+        return [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)
+                if info.topic_type == type_name]

@@ -54,10 +54,15 @@ export class OverlayForm {
     return Object.fromEntries(NAMES.map((name) => [name, values.get(name)]));
   }
 
-  /** What the server is asked for: boxes that are published, and the camera. */
+  /** What the server is asked for, which says why boxes are not published. */
   get request() {
     const { boxes, center, outline } = this.chosen;
-    return { boxes: this.#published.includes(boxes) ? boxes : '', camera: Boolean(center || outline) };
+    return { boxes, camera: Boolean(center || outline) };
+  }
+
+  /** Whether boxes are chosen that are published. */
+  get hasBoxes() {
+    return this.#published.includes(this.chosen.boxes);
   }
 
   /** Use the list of the published topics with boxes. */

@@ -225,9 +225,9 @@ function ask() {
   for (const tile of tiles.values()) {
     const width = node.widths.find((step) => step >= tile.view.width) ?? 0;
     const looks = Boolean(alone) && [alone, other].includes(tile.name);
-    const { boxes } = overlays.request; // whose pictures may wait for them, unlike video
-    const needsImages = tile.needsImages(looks, isPaused);
-    const isVideo = takesVideo(tile) && !needsImages && !(looks && boxes);
+    const needsImages = tile.needsImages(looks, isPaused)
+      || (looks && overlays.hasBoxes); // whose pictures may wait for them, unlike video
+    const isVideo = takesVideo(tile) && !needsImages;
     tile.look.offer(isVideo && !tile.hasImages ? NO_CHARTS : '');
     const options = isVideo ? { width, video: true } : { width, ...fixed };
     if (looks) options.looks = true;

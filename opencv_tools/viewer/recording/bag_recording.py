@@ -144,11 +144,12 @@ class BagRecording:
 
     def _describe_problem(self) -> str:
         """Return what the user should know, as a sentence; '' for nothing."""
-        if self._recorder.is_unfinished and self._seconds >= 0:
-            reason = self._sink.refusal or self._problem
-            return f'the bag is not finished, which the next start of this node does: {reason}'
-        if self._sink.refusal or self._problem:
-            return self._sink.refusal or self._problem
+        problem = self._sink.refusal or self._problem
+        if self._sink.is_cut_off:
+            return (f'the bag is not finished: {problem or "the log has the reason"}; the next '
+                    'start of the node finishes it, if the disk has room')
+        if problem:
+            return problem
         if self._recorder.counts.failed and self._sink.counts.reason:
             return (f'{self._recorder.counts.failed} frames are not written: '
                     f'{printable(self._sink.counts.reason)}')
@@ -156,7 +157,7 @@ class BagRecording:
         silent = [] if self._seconds >= 0 else [
             (name, topic) for name, topic in self._topics.items()
             if now - topic.heard_at > _SILENT_SECONDS]
-        reasons = [f'no frames of {printable(name)}: {topic.explain_briefly()}'
+        reasons = [f'no frames of {printable(name)}: {printable(topic.explain_briefly())}'
                    for name, topic in silent[:_MAX_SILENT]]
         others = len(silent) - len(reasons)
         return '; '.join(reasons) + (f'; and {others} more' if others else '')

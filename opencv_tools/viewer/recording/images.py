@@ -21,7 +21,6 @@ import time
 from typing import NamedTuple
 
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.nodes.bag_messages import BagMessages
 from opencv_tools.recording.bag_file import RecordedMessage
@@ -82,7 +81,7 @@ class RecordedImages:
 
     def explain_briefly(self) -> str:
         """Return the reason why no frame arrives, without the remedies, which the log has."""
-        return printable(self._subscription.explain_no_frames().partition('; ')[0])
+        return self._subscription.explain_no_frames().partition('; ')[0]
 
     def close(self, has_room: Callable[[], bool]) -> int:
         """

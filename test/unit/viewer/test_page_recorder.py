@@ -18,6 +18,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+import errno
 import os
 from pathlib import Path
 from threading import Event
@@ -32,6 +33,7 @@ from opencv_tools.image.cdr import (
     cdr_to_compressed_image, cdr_to_image, WireCompressedImage, WireHeader, WireImage)
 from opencv_tools.nodes.bag_messages import frame_of
 from opencv_tools.recording import disk_reserve
+from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.topics.queue import ReceivedMessage
@@ -95,7 +97,7 @@ class StuckSink:
     def __init__(self, folder: Path) -> None:
         self._sink = BagFolder(str(folder)).open()
         self.counts = self._sink.counts
-        self.left, self.refusal = 5, ''
+        self.left, self.refusal, self.is_cut_off = 5, '', False
         self.may_write = Event()
 
     def commit(self, frame: Any, prepared: Any) -> Path:
@@ -124,6 +126,24 @@ def test_bytes_that_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.Monkey
     assert account['bytes'] == 10 * 48
     assert sum(Bag(tmp_path / account['name']).topics.values()) == 10
     assert 'frames dropped: they arrive faster than they are written' in str(console.lines)
+
+
+def test_bag_that_cannot_be_finished(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def close(_: BagSink) -> None:
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    sink, console = BagFolder(str(tmp_path)).open(), Console()
+    monkeypatch.setattr(BagSink, 'close', close)
+    recording = BagRecording(sink, console)
+    for frame in raw_frames(received(1)):
+        recording.put(frame)
+    recording.stop()
+    assert recording.account()['problem'] == ''
+    recording.finish()
+    assert recording.account()['problem'] == (
+        'the bag is not finished: the log has the reason; the next start of the node finishes it, '
+        'if the disk has room')
+    assert 'the recording was not finished: No space left on device' in str(console.lines)
 
 
 def test_abandoned_frames(tmp_path: Path) -> None:
