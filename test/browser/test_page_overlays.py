@@ -172,6 +172,13 @@ def test_choice_by_pointer_and_keys(
     page.press('ArrowDown')
     check_boxes(page, tmp_path)
     press(page, '#overlays [name=cross]')
+    press(page, '#overlays [name=center]')  # it has the focus
+    page.press(' ')
+    assert 'center' not in dict(parse_qsl(page.evaluate(SEARCH)))
+    assert page.evaluate('document.getElementById("state").textContent') == 'Live'
+    page.press('h')
+    page.wait_for('document.querySelector(".chart").checkVisibility()')
+    page.press('h')
     page.evaluate('document.querySelector("#overlays [name=grid]").focus()')
     page.press('2')
     assert dict(parse_qsl(page.evaluate(SEARCH))) == {

@@ -19,8 +19,9 @@
  */
 export function listenToKeys(actionOf) {
   document.addEventListener('keydown', (event) => {
-    const isTyping = event.target.closest('input, select') && event.key !== 'Escape';
-    const isPressing = event.key === ' ' && event.target.closest('button, summary');
+    const isTyping = event.target.closest('input:not([type=checkbox], [type=range])') && event.key !== 'Escape';
+    const isPressing = (event.key === ' ' && event.target.closest('button, summary'))
+      || (/ |Arrow/.test(event.key) && event.target.closest('input, select'));
     const action = actionOf(event.key.length === 1 ? event.key.toLowerCase() : event.key);
     const isShortcut = event.ctrlKey || event.metaKey || event.altKey;
     if (!action || isTyping || isPressing || isShortcut) return;
