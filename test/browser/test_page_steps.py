@@ -337,6 +337,32 @@ def test_topic_beside_shows_the_nearest_stamp(
     check_all(page)
 
 
+def test_values_beside_after_quick_steps(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front, rear = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)
+    page = open_alone(viewer, browser, f'&beside={OTHER}')
+    for number in range(1, 21):
+        for source in (front, rear):
+            source.wait_for_viewer()
+            source.send(number)
+            page.wait_for(f'numberOf({source.topic!r}) === {number}')
+    page.press(' ')
+    page.wait_for('new Set(sent.filter((one) => one.held).map((one) => one.subscribe)).size === 2')
+    page.evaluate(SETTLED)
+    move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
+    shown = 20
+    for key, count in ((',', 3), (',', 1), (',', 12), ('.', 5), (',', 40)):
+        for _ in range(count):
+            page.press(key)
+        shown = max(1, shown - count) if key == ',' else shown + count
+        blue, green, red = values_of(shown)
+        for topic in (TOPIC, OTHER):
+            page.wait_for(f'numberOf({topic!r}) === {shown} && '
+                          f'tileOf({topic!r}).querySelector(".pixel").textContent'
+                          f' === "40, 220: B {blue}, G {green}, R {red}"')
+    assert page.complaints() == []
+
+
 def test_steps_over_the_restart_of_a_publisher(
         viewer: Viewer, browser: Browser, camera: Node) -> None:
     first = RawCamera(camera, TOPIC)
@@ -407,6 +433,41 @@ def test_frames_that_are_not_kept(
     page.press(',')
     page.wait_for(f'/^the node has kept no frame: {reason}$/.test({TEXT})')
     assert page.evaluate(f'numberOf({TOPIC!r})') == 3
+
+
+def test_pictures_that_are_not_kept_for_the_pause(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    viewer = start_viewer()
+    front, rear = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)
+    page = open_alone(viewer, browser)
+    show_all(page, front, 1, 3)
+    pause(page)
+    page.press(',')
+    check(page, 2, 'frame 2 of 3, 0.1 s before')
+    sentence = 'nothing to step to: no frames are kept here for this pause: resume, then pause again'
+    text = 'document.querySelector(".tile:not([hidden]) output.step").textContent'
+    for key in ('ArrowRight', 'ArrowLeft'):
+        page.press(key)
+        page.wait_for(f'{text} === ""')
+        page.press(',')
+        page.wait_for(f'{text} === {sentence!r}')
+    page.press('Escape')
+    page.wait_for('![...document.querySelectorAll("output.step")].some((one) => one.textContent)')
+    page.press(' ')
+    show_all(page, front, 4, 5)
+    show_all(page, rear, 6, 6)
+    page.evaluate(f'tileOf({TOPIC!r}).querySelector(".frame").click()')
+    show_all(page, front, 7, 8)
+    pause(page)
+    page.press(',')
+    page.wait_for(f'{text}.startsWith("frame ")')
+    viewer.process.interrupt()
+    assert viewer.process.finish() == 0
+    page.wait_for(f'{STATE} === "Reconnecting"')
+    start_viewer(port=viewer.port)
+    page.wait_for(f'{STATE} === "Paused" && {text} === ""')
+    page.press(',')
+    page.wait_for(f'{text} === {sentence!r}')
 
 
 def test_video_is_not_stepped(viewer: Viewer, browser: Browser, camera: Node) -> None:

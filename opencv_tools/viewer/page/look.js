@@ -29,6 +29,7 @@ export class Look {
   #begin = null; // of a line that is drawn
   #line = null;
   #asked = {}; // by kind
+  #later = 0; // timer of the questions that came too early
   #output;
   #chart; // its element
   #follows = false; // the pointer over another picture
@@ -141,11 +142,17 @@ export class Look {
 
   #question(kind, details) {
     const { picture, name } = this.#tile;
-    const { text, waits, at } = this.#asked[kind] ?? {};
-    const asked = JSON.stringify(details);
+    const last = this.#asked[kind] ?? { at: -AGAIN_MS };
+    const text = JSON.stringify(details);
     const now = performance.now();
-    if (picture < 0 || waits || (now < at + AGAIN_MS && (text === asked || kind !== 'pixel'))) return;
-    this.#asked[kind] = { text: asked, waits: true, at: now };
+    const rest = last.at + AGAIN_MS - now;
+    last.isOld = text !== last.text || picture !== last.picture;
+    if (picture < 0 || last.waits) return;
+    if (rest > 0 && (text === last.text || kind !== 'pixel')) {
+      if (last.isOld) this.#later ||= setTimeout(() => { this.#later = 0; this.ask(); }, rest);
+      return;
+    }
+    this.#asked[kind] = { text, picture, waits: true, at: now };
     this.#send({ [kind]: name, picture, ...details });
   }
 
@@ -156,7 +163,7 @@ export class Look {
     asked.waits = false;
     if (kind === this.chart) showChart(this.#chart, kind, answer);
     else if (kind === 'pixel' && this.#cursor) this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);
-    if (kind === 'pixel' && asked.text !== JSON.stringify({ at: this.#cursor })) this.ask();
+    if (asked.isOld) this.ask();
   }
 
   #answer(text, [x, y] = this.#cursor) {
