@@ -29,6 +29,7 @@ from opencv_tools.viewer.history import History, Hold, KeptFrame
 from opencv_tools.viewer.protocol import topic_of, valid_number
 
 _MAX_STEP = 10_000  # frames
+_MAX_VIDEOS = 1000  # topics
 
 _Message = dict[str, Any]
 
@@ -69,12 +70,17 @@ class Steps:
         self._write = write
         self._watched: dict[str, tuple[str, str]] = {}
         self._holds: dict[str, Hold] = {}
+        self._videos: set[str] = set()  # topics that were sent as video last
         self._waiting: _Request | None = None
         self._task: asyncio.Task[None] | None = None
 
     def follow(self, name: str) -> None:
         """Use the options of a topic, which have changed."""
         channel = self._channel(name)
+        if channel:
+            self._videos.discard(name)
+        elif name in self._channels and len(self._videos) < _MAX_VIDEOS:
+            self._videos.add(name)
         looks = channel is not None and channel.options.looks
         if channel and looks and channel.options.held:
             if name not in self._holds:
@@ -130,8 +136,9 @@ class Steps:
         """
         channel, hold = self._channel(request.topic), self._holds.get(request.topic)
         if channel is None or hold is None:
-            raise RequestError('nothing to step to: pause a picture that is shown alone; video '
-                               'cannot be stepped')
+            raise RequestError('nothing to step to: ' + (
+                'video cannot be stepped' if request.topic in self._videos
+                else 'no frames are kept here for this pause: resume, then pause again'))
         frames = self._history.held(hold)
         if not frames:
             raise RequestError(f'the node has kept no frame: {self._history.explain(hold)}')

@@ -55,13 +55,15 @@ export class Steps {
 
   /** Show the answer of the server. */
   receive({ topic, text, error }) {
+    if (!this.#waits) return; // it is of a picture that was left
     this.#write(document.querySelector('button.step').hidden ? '' : topic, error ?? text);
     this.#waits = false;
     this.#ask();
   }
 
-  /** Forget the steps of an earlier connection. */
+  /** Forget the steps of an earlier connection, or of another picture. */
   reset() {
+    this.#write('');
     this.#waits = false;
     this.#next = null;
   }

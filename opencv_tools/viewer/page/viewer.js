@@ -259,6 +259,7 @@ function select(name, isNew = true) {
   const last = selected;
   selected = name;
   history[isNew ? 'pushState' : 'replaceState'](null, '', addressWith(settingsOf(name)));
+  steps.reset();
   // A tile without a topic is there only while it is selected.
   arrangement.keep();
   keep(overlays.chosen);
