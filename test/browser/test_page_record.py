@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
 
 from chromium import Browser, Page, wait_until
 from conftest import recorded_files
@@ -43,6 +44,10 @@ NOTICE = 'document.getElementById("notice").textContent'
 IS_ON = (f'{RECORD}.ariaPressed === "true" && document.title.startsWith("● ") && '
          f'getComputedStyle({RECORD}.querySelector("circle")).fill === '
          'getComputedStyle(document.getElementById("record")).color')
+#: Notes what a page says to screen readers.
+LISTEN = ('window.spoken = []; new MutationObserver(() => spoken.push('
+          'document.getElementById("said").textContent)).observe('
+          'document.getElementById("said"), {childList: true}); true')
 IS_OFF = f'{RECORD}.ariaPressed === "false" && !document.title.startsWith("● ")'
 
 
@@ -101,8 +106,11 @@ def test_grid_by_pointer_and_second_page(
     page.wait_for('Boolean(tileOf("/front") && tileOf("/rear"))')
     page.wait_for('document.getElementById("unhide").textContent === "Show 1 hidden"')
     page.wait_for(f'{RECORD}.checkVisibility() && {IS_OFF}')
+    page.evaluate(LISTEN)
     click(page, RECORD)
     page.wait_for(IS_ON)
+    assert page.evaluate('spoken') == ['The recording has begun']
+    assert page.evaluate(f'{RECORD}.textContent.trim()') == 'Record'  # its state is not its name
     other = browser.new_page(f'{recorder.url}&topic=/rear')
     other.wait_for(IS_ON)
     page.wait_for(f'{ACCOUNT}.includes(", 0 frames, 0 lost, 0 dropped, 0 bytes, ")')
@@ -119,6 +127,9 @@ def test_grid_by_pointer_and_second_page(
         shown.wait_for(f'{IS_OFF} && {ACCOUNT}.startsWith("Recorded 2 topics")')
     (bag,) = recorded_files(folder)
     other.wait_for(f'{NOTICE} === "Recorded 5 frames in {bag.name}"')
+    page.wait_for('spoken.length === 2')
+    assert page.evaluate('spoken') == ['The recording has begun', 'The recording has ended']
+    assert other.evaluate('document.getElementById("said").textContent') == ''  # the notice says it
     found = images_in(bag)
     assert {name: len(images) for name, images in found.items()} == {'/front': 3, '/rear': 2}
     for name, numbers in (('/front', (1, 2, 3)), ('/rear', (4, 5))):
@@ -207,6 +218,26 @@ def test_last_seconds(recorder: Viewer, browser: Browser, node: Node, folder: Pa
     page.evaluate(f'{RECORD}.click()')
     page.wait_for(IS_OFF)
     check_all(page)
+
+
+def test_node_that_is_killed(
+        start_viewer: Callable[..., Viewer], browser: Browser, node: Node, folder: Path) -> None:
+    Camera(node, '/front')
+    viewer = start_viewer(control=True, record_dir=folder)
+    page = browser.new_page(viewer.url)
+    page.wait_for(f'tileOf("/front") && {RECORD}.checkVisibility()')
+    click(page, RECORD)
+    page.wait_for(IS_ON)
+    sentence = f'{NOTICE} === "The recording has ended with the node"'
+    page.evaluate('sockets.at(-1).close()')  # the node goes on
+    page.wait_for('sockets.length > 1 && sockets.at(-1).readyState === 1')
+    page.wait_for(f'document.getElementById("state").textContent === "Live" && {IS_ON}')
+    assert not page.evaluate(sentence)
+    viewer.process.kill()
+    token = parse_qs(urlsplit(viewer.url).query)['token'][0]
+    start_viewer(control=True, record_dir=folder, port=viewer.port, token=token)
+    page.wait_for(f'{IS_OFF} && {sentence}')
+    assert page.evaluate(f'document.getElementById("recording").hidden && {RECORD}.checkVisibility()')
 
 
 def test_no_button_by_default(viewer: Viewer, browser: Browser, node: Node) -> None:

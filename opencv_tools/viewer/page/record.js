@@ -34,6 +34,7 @@ function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left,
 /** The buttons that record, and the account of the recording, which all pages show. */
 export class Recording {
   #state = { phase: '' };
+  #wasOn = false; // as the node has said last, maybe over another connection
   #isSeen = false; // by this page, so that the account stays after the end
 
   /**
@@ -58,15 +59,20 @@ export class Recording {
   /** Begin a connection to a node that may not record. */
   enable() {
     this.#show({ phase: '' });
-    part('record').hidden = true;
+    part('record').hidden = part('record-key').hidden = true;
   }
 
   /** Handle a message of the server that concerns recordings. */
   receive({ recording, record, keep }) {
     if (recording) this.#show(recording);
     const isBegun = record?.ok && this.isOn; // as the account says
-    const done = isBegun ? null : record ?? keep;
-    if (done) this.onChange(done.message);
+    const isLost = recording && this.#wasOn && !this.isOn && !recording.topics;
+    const done = isBegun ? null : record ?? keep
+      ?? (isLost && { message: 'The recording has ended with the node' });
+    if (done) this.onChange(done.message); // an alert
+    if (!recording || this.#wasOn === this.isOn) return;
+    this.#wasOn = this.isOn;
+    part('said').textContent = done ? '' : `The recording has ${this.isOn ? 'begun' : 'ended'}`;
   }
 
   #show(state) {
@@ -74,10 +80,9 @@ export class Recording {
     this.#state = state;
     this.#isSeen ||= this.isOn;
     const verb = this.isOn ? 'Recording' : 'Recorded';
-    part('record').hidden = false;
+    part('record').hidden = part('record-key').hidden = false;
     part('keep').hidden = !state.keeps;
     part('record').ariaPressed = this.isOn;
-    part('record').querySelector('span').textContent = this.isOn ? 'Stop' : 'Record';
     part('recording').hidden = !this.#isSeen || !state.topics;
     if (state.topics) part('recording').textContent = `${verb} ${describe(state)}`;
     part('recording').append(state.problem ? `: ${state.problem}` : '');
