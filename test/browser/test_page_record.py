@@ -113,7 +113,7 @@ def test_grid_by_pointer_and_second_page(
     assert page.evaluate(f'{RECORD}.textContent.trim()') == 'Record'  # its state is not its name
     other = browser.new_page(f'{recorder.url}&topic=/rear')
     other.wait_for(IS_ON)
-    page.wait_for(f'{ACCOUNT}.includes(", 0 frames, 0 lost, 0 dropped, 0 bytes, ")')
+    page.wait_for(f'{ACCOUNT}.includes(", 0 frames, 0 lost, 0 dropped, 0 kB, ")')
     publish_recorded(front, 1)
     page.wait_for(f'{ACCOUNT}.includes(", {SIZE}, ")')
     publish_recorded(front, 2, 3)

@@ -16,13 +16,9 @@ import { age, number } from './text.js';
 
 const part = (id) => document.getElementById(id);
 
-const UNITS = [[1e9, 'GB'], [1e6, 'MB'], [1e3, 'kB'], [0, 'bytes']];
-
 /** Return bytes as text. */
-function amount(bytes) {
-  const [least, unit] = UNITS.find(([size]) => bytes >= size);
-  return `${number(bytes / (least || 1))} ${unit}`;
-}
+const amount = (bytes) => (bytes < 1e6 ? `${number(bytes / 1e3)} kB`
+  : bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`);
 
 /** Return the account of a recording as text. */
 function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left, name }) {
