@@ -109,6 +109,7 @@ class History:
         self._clock = clock
         #: Bytes of all messages that are kept.
         self.size = 0
+        self._held_size = 0  # of those that paused pages may show
         self._loop = asyncio.get_running_loop()
         self._lock = Lock()
         self._topics: dict[_Key, _Topic] = {}
@@ -164,20 +165,22 @@ class History:
         with self._lock:
             frames = [*self._topics[key].frames.values()] if key in self._topics else []
             for kept in frames:
+                self._held_size += 0 if kept.holds else kept.size
                 kept.holds += 1
         return Hold(key, tuple(kept.number for kept in frames))
 
     def release(self, hold: Hold) -> None:
         """End a hold."""
-        for kept in self.held(hold):
-            kept.holds -= 1
+        with self._lock:
+            for kept in self._found(hold):
+                kept.holds -= 1
+                self._held_size -= 0 if kept.holds else kept.size
         self._loop.call_later(UNUSED_SECONDS, self._drop_unused, hold.key)
 
     def held(self, hold: Hold) -> list[KeptFrame]:
         """Return the frames of a hold that the limit has left, oldest first."""
         with self._lock:
-            frames = self._topics[hold.key].frames if hold.key in self._topics else {}
-            return [frames[number] for number in hold.numbers if number in frames]
+            return self._found(hold)
 
     def explain(self, hold: Hold) -> str:
         """Return why a hold has lost frames, or has never had any, as the end of a sentence."""
@@ -191,18 +194,33 @@ class History:
         return 'none has come while the page showed the topic alone'
 
     def _make_room(self, topic: _Topic, new: KeptFrame) -> None:
-        """Forget old frames of a topic, then the oldest ones of all topics."""
+        """
+        Forget old frames of a topic, then the oldest ones of all topics.
+
+        Frames that paused pages may show leave last, unless they need more than half of the limit.
+        """
         for kept in [*_expired(topic, new.arrived - KEPT_SECONDS)]:
             self._forget(topic, kept)
         while (self.size + new.size > self.limit
                or sum(len(one.frames) for one in self._topics.values()) >= _MAX_FRAMES):
-            oldest = min((one for one in self._topics.values() if one.frames),
-                         key=lambda one: next(iter(one.frames)))
-            self._forget(oldest, next(iter(oldest.frames.values())))
+            self._forget(*self._next_to_leave())
+
+    def _next_to_leave(self) -> tuple[_Topic, KeptFrame]:
+        can_all = self._held_size > self.limit / 2 or self._held_size == self.size
+        oldest = ((topic, next((kept for kept in topic.frames.values()
+                                if can_all or not kept.holds), None))
+                  for topic in self._topics.values())
+        return min(((topic, kept) for topic, kept in oldest if kept),
+                   key=lambda one: one[1].number)
 
     def _forget(self, topic: _Topic, kept: KeptFrame) -> None:
         del topic.frames[kept.number]
         self.size -= kept.size
+        self._held_size -= kept.size if kept.holds else 0
+
+    def _found(self, hold: Hold) -> list[KeptFrame]:
+        frames = self._topics[hold.key].frames if hold.key in self._topics else {}
+        return [frames[number] for number in hold.numbers if number in frames]
 
     def _drop_unused(self, key: _Key) -> None:
         """Forget the frames of a topic that no page can show."""

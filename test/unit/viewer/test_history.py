@@ -126,6 +126,31 @@ def test_oldest_frames_of_all_topics_leave_first() -> None:
     run(work)
 
 
+def test_frames_of_a_pause_leave_last_within_half_of_the_limit() -> None:
+    async def work() -> None:
+        history = History(8 * message_size(received(0).image))
+        for key in (KEY, OTHER):
+            history.watch(key)
+        for number in range(3):
+            history.add(KEY, received(number))
+        holds = [history.hold(KEY), history.hold(KEY)]
+        for number in range(3, 20):
+            history.add(OTHER, received(number))
+        assert numbers(history) == [0, 1, 2]
+        assert numbers(history, OTHER[0]) == [15, 16, 17, 18, 19]
+        holds.append(history.hold(OTHER))  # both need more than half
+        for number in range(20, 30):
+            history.add(OTHER, received(number))
+        assert numbers(history) == []
+        assert numbers(history, OTHER[0]) == [16, 17, 18, 19, 26, 27, 28, 29]
+        for hold in holds:
+            history.release(hold)
+        history.add(OTHER, received(30))
+        assert numbers(history, OTHER[0]) == [17, 18, 19, 26, 27, 28, 29, 30]
+
+    run(work)
+
+
 def test_frame_larger_than_the_limit_is_not_kept() -> None:
     async def work() -> None:
         history = History(SIZE)
@@ -388,11 +413,11 @@ def test_frames_that_the_limit_has_forced_out() -> None:
         await page.show('/front', *range(1, 5))
         page.channel('/front').set_options(PAUSED)
         page.steps.follow('/front')
-        await page.show('/rear', *range(1, 5))
+        await page.show('/rear', *range(1, 9))  # half of the limit is for the pause
         reason = f'others needed the {limit} bytes of history_bytes'
         assert (await page.step(-3))['text'] == (
-            f'frame 1 of 2, 0.1 s before, earlier ones are gone: {reason}')
-        await page.show('/rear', *range(5, 9))
+            f'frame 1 of 3, 0.2 s before, earlier ones are gone: {reason}')
+        page.history.add(OTHER, received(9, size=6 * SIZE))
         assert (await page.step(1))['error'] == f'the node has kept no frame: {reason}'
 
     run_page(work, limit=limit)
