@@ -33,7 +33,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo
-from test_page_layout import check_all
+from test_page_layout import check_all, SIZES
 from test_page_look import drag, place_of, wheel
 
 pytest_plugins = ['pages']
@@ -259,6 +259,23 @@ def test_boxes_without_a_stamp_and_of_another_frame(
     assert page.evaluate(SIDES) == []
     detector.publish(STAMP, [RED], 'camera')
     page.wait_for(f'{SIDES}.length === 1')
+
+
+def test_labels_within_the_frame(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    Camera(camera, TOPIC, LATCHED).publish_image(picture(), 'bgr8', STAMP)
+    Detector(camera, BOXES, LATCHED).publish(STAMP, [
+        (WIDTH - 10, 200, 16, 40, 0.0, 'a label at the right border', 0.9),
+        (10, 300, 16, 40, 0.0, 'a label at the left border', 0.8)])
+    page = open_page(viewer, browser)
+    page.wait_for(f'{LABELS}.length === 2')
+    for size in SIZES:
+        page.resize(*size)
+        settle(page)
+        assert page.evaluate(
+            '(({left, right}) => [...document.querySelectorAll(".boxes text")].every((one) => '
+            '{ const box = one.getBoundingClientRect(); '
+            'return box.left >= left - 2 && box.right <= right + 2; }))'
+            '(document.querySelector(".tile:not([hidden]) .frame").getBoundingClientRect())')
 
 
 def test_hostile_boxes(viewer: Viewer, browser: Browser, camera: Node) -> None:

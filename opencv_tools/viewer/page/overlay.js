@@ -170,7 +170,7 @@ export class Overlay {
     while (group.children.length > 2 * boxes.length) group.lastChild.remove();
     const child = (place, kind) => group.children[place]
       ?? group.appendChild(document.createElementNS(SVG, kind));
-    boxes.forEach(([x, y, width, height, angle, text], place) => {
+    const labels = boxes.map(([x, y, width, height, angle, text], place) => {
       const [cos, sin] = [Math.cos(angle) / 2, Math.sin(angle) / 2];
       const corners = [[-1, -1], [1, -1], [1, 1], [-1, 1]].map(([right, down]) => at([
         x + right * width * cos - down * height * sin,
@@ -179,9 +179,13 @@ export class Overlay {
       child(2 * place, 'path').setAttribute(
         'd', `M${corners.map((one) => `${one.x} ${one.y}`).join('L')}Z`);
       const label = child(2 * place + 1, 'text'); // within the frame, if the box is
-      label.setAttribute('x', Math.max(Math.min(...xs), Math.min(0, Math.max(...xs))));
       label.setAttribute('y', Math.max(Math.min(...ys) - 4, Math.min(LETTER, Math.max(...ys))));
       if (label.textContent !== text) label.textContent = text;
+      return [label, Math.min(...xs), Math.max(...xs)];
     });
+    const lengths = labels.map(([label]) => label.getComputedTextLength()); // one layout for all
+    const { clientWidth } = this.#tile.link;
+    labels.forEach(([label, low, high], place) => label.setAttribute('x', Math.max(
+      Math.min(low, Math.max(clientWidth, low) - lengths[place]), Math.min(0, high))));
   }
 }
