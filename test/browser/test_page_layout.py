@@ -306,6 +306,25 @@ def test_all_of_a_picture_is_on_the_screen(viewer: Viewer, browser: Browser, cam
                       '&& tileOf("/portrait").querySelector("canvas").offsetWidth > 100')
 
 
+def test_picture_of_a_phone(start_viewer: Callable[..., Viewer], browser: Browser, camera: Node,
+                            tmp_path: Path) -> None:
+    Camera(camera, '/front', LATCHED).publish(1)
+    viewer = start_viewer(control=True, record_dir=tmp_path)
+    page = browser.new_page(f'{viewer.url}&topic=/front', 390, 844)
+    page.wait_for('numberOf("/front") === 1')
+    wide = ('tileOf("/front").querySelector(".frame").offsetWidth'
+            ' === document.getElementById("cameras").clientWidth')
+    page.press('h')
+    page.press('c')
+    page.wait_for(f'document.title.startsWith("●") && {wide}')
+    page.press(' ')
+    page.wait_for('sent.some((message) => message.held)')
+    page.press(',')
+    page.wait_for('tileOf("/front").querySelector("output.step").textContent !== ""')
+    page.wait_for(f'innerWidth === 390 && {wide}')
+    check_layout(page, 390)
+
+
 def test_large_screen(viewer: Viewer, browser: Browser, camera: Node) -> None:
     for number in range(8):
         image = np.full((720, 1280), 1000 + number, np.uint16)

@@ -49,7 +49,9 @@ export function arrange(count, ratio, one, size) {
   const below = document.querySelector('footer').offsetHeight
     + document.getElementById('more').offsetHeight + GAP;
   const height = innerHeight - document.getElementById('content').offsetTop - GAP - below;
-  const caption = one ? one.element.offsetHeight - one.link.offsetHeight : CAPTION;
+  // Only the texts of a single picture are off an upright screen.
+  const scrolls = count === 1 && innerWidth < innerHeight && cameras.clientWidth / ratio < height;
+  const caption = !one ? CAPTION : scrolls ? 0 : one.element.offsetHeight - one.link.offsetHeight;
   const { columns, tile } = fit(count, cameras.clientWidth, size && !one ? 0 : height, caption,
     ratio, one && count === 1 ? 1 : (!one && size) || LEAST_TILE);
   cameras.style.setProperty('--ratio', ratio);
