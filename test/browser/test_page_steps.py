@@ -444,7 +444,8 @@ def test_pictures_that_are_not_kept_for_the_pause(
     pause(page)
     page.press(',')
     check(page, 2, 'frame 2 of 3, 0.1 s before')
-    sentence = 'nothing to step to: no frames are kept here for this pause: resume, then pause again'
+    sentence = ('nothing to step to: no frames are kept here for this pause: '
+                'resume, then pause again')
     text = 'document.querySelector(".tile:not([hidden]) output.step").textContent'
     for key in ('ArrowRight', 'ArrowLeft'):
         page.press(key)

@@ -438,7 +438,7 @@ def test_nothing_to_step_to() -> None:
     async def work(page: SteppingPage) -> None:
         await page.show('/front', 1)
         for name in ('/front', '/unknown'):  # which is live
-            assert (await page.step(-1, name))['error'].endswith('video cannot be stepped')
+            assert (await page.step(-1, name))['error'].endswith('resume, then pause again')
         assert not page.steps.ask({'subscribe': '/front'})
 
     run_page(work)
