@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 import itertools
 import sys
@@ -203,15 +203,9 @@ class History:
             self._forget(topic, kept)
         while (self.size + new.size > self.limit
                or sum(len(one.frames) for one in self._topics.values()) >= _MAX_FRAMES):
-            self._forget(*self._next_to_leave())
-
-    def _next_to_leave(self) -> tuple[_Topic, KeptFrame]:
-        can_all = self._held_size > self.limit / 2 or self._held_size == self.size
-        oldest = ((topic, next((kept for kept in topic.frames.values()
-                                if can_all or not kept.holds), None))
-                  for topic in self._topics.values())
-        return min(((topic, kept) for topic, kept in oldest if kept),
-                   key=lambda one: one[1].number)
+            can_all = self._held_size > self.limit / 2 or self._held_size == self.size
+            self._forget(*min(_first_of_each(self._topics.values(), can_all),
+                              key=lambda one: one[1].number))
 
     def _forget(self, topic: _Topic, kept: KeptFrame) -> None:
         del topic.frames[kept.number]
@@ -242,6 +236,16 @@ def message_size(message: WireMessage) -> int:
     # The data of a message may be a part of the buffer that it arrived in.
     whole = memoryview(data.obj).nbytes
     return max(whole, data.nbytes) + sys.getsizeof(text) + sys.getsizeof(message.header.frame_id)
+
+
+def _first_of_each(
+    topics: Iterable[_Topic], has_held: bool,
+) -> Iterator[tuple[_Topic, KeptFrame]]:
+    """Yield the oldest frame of each topic, among those of paused pages or without them."""
+    for topic in topics:
+        kept = next((one for one in topic.frames.values() if has_held or not one.holds), None)
+        if kept:
+            yield topic, kept
 
 
 def _expired(topic: _Topic, since: float) -> Iterator[KeptFrame]:
