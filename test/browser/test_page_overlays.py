@@ -394,7 +394,7 @@ def test_camera_before_the_first_picture(
     Camera(camera, TOPIC, LATCHED).publish_image(picture(), 'bgr8', STAMP)
     camera.create_publisher(CameraInfo, INFO, LATCHED).publish(CameraInfo(
         width=WIDTH, height=HEIGHT, k=[400.0, 0, 320, 0, 400, 240, 0, 0, 1],
-        p=[400.0, 0, 320, 0, 0, 400, 240, 0, 0, 0, 1, 0], r=np.eye(3).ravel()))
+        p=[300.0, 0, 320, 0, 0, 300, 240, 0, 0, 0, 1, 0], r=np.eye(3).ravel()))
     page = browser.new_page('about:blank')
     page.call('Page.addScriptToEvaluateOnNewDocument', source=(
         'const decode = createImageBitmap; const released = new Promise((release) => {'
@@ -413,8 +413,9 @@ def test_topics_that_appear_later(
     viewer = start_viewer()
     Camera(camera, TOPIC, LATCHED).publish_image(picture(), 'bgr8', STAMP)
     page = open_page(viewer, browser, f'&boxes={BOXES}&center=true')
-    page.wait_for(f'{NOTE} === "{BOXES} is not a published topic of vision_msgs/msg/Detection2DArray; '
-                  f'{INFO} is not a published topic of sensor_msgs/msg/CameraInfo"')
+    page.wait_for(f'{NOTE} === "{BOXES} is not a published topic of '
+                  f'vision_msgs/msg/Detection2DArray; {INFO} is not a published topic of '
+                  'sensor_msgs/msg/CameraInfo"')
     assert page.evaluate('document.querySelector("#overlays select").value') == BOXES
     Detector(camera, BOXES, LATCHED).publish(STAMP, [RED, BLUE])
     page.wait_for(f'{SIDES}.length === 2')

@@ -61,9 +61,7 @@ export class OverlayForm {
   }
 
   /** Whether boxes are chosen that are published. */
-  get hasBoxes() {
-    return this.#published.includes(this.chosen.boxes);
-  }
+  get hasBoxes() { return this.#published.includes(this.chosen.boxes); }
 
   /** Use the list of the published topics with boxes. */
   list(published) {
