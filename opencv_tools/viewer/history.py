@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 import itertools
 import sys
@@ -172,7 +172,7 @@ class History:
     def release(self, hold: Hold) -> None:
         """End a hold."""
         with self._lock:
-            for kept in self._found(hold):
+            for kept in _frames_of(hold, self._topics):
                 kept.holds -= 1
                 self._held_size -= 0 if kept.holds else kept.size
         self._loop.call_later(UNUSED_SECONDS, self._drop_unused, hold.key)
@@ -180,7 +180,7 @@ class History:
     def held(self, hold: Hold) -> list[KeptFrame]:
         """Return the frames of a hold that the limit has left, oldest first."""
         with self._lock:
-            return self._found(hold)
+            return _frames_of(hold, self._topics)
 
     def explain(self, hold: Hold) -> str:
         """Return why a hold has lost frames, or has never had any, as the end of a sentence."""
@@ -212,10 +212,6 @@ class History:
         self.size -= kept.size
         self._held_size -= kept.size if kept.holds else 0
 
-    def _found(self, hold: Hold) -> list[KeptFrame]:
-        frames = self._topics[hold.key].frames if hold.key in self._topics else {}
-        return [frames[number] for number in hold.numbers if number in frames]
-
     def _drop_unused(self, key: _Key) -> None:
         """Forget the frames of a topic that no page can show."""
         with self._lock:
@@ -236,6 +232,12 @@ def message_size(message: WireMessage) -> int:
     # The data of a message may be a part of the buffer that it arrived in.
     whole = memoryview(data.obj).nbytes
     return max(whole, data.nbytes) + sys.getsizeof(text) + sys.getsizeof(message.header.frame_id)
+
+
+def _frames_of(hold: Hold, topics: Mapping[_Key, _Topic]) -> list[KeptFrame]:
+    """Return the frames of a hold that are kept, oldest first."""
+    frames = topics[hold.key].frames if hold.key in topics else {}
+    return [frames[number] for number in hold.numbers if number in frames]
 
 
 def _first_of_each(
