@@ -106,6 +106,7 @@ def test_grid_by_pointer_and_second_page(
     page.wait_for('Boolean(tileOf("/front") && tileOf("/rear"))')
     page.wait_for('document.getElementById("unhide").textContent === "Show 1 hidden"')
     page.wait_for(f'{RECORD}.checkVisibility() && {IS_OFF}')
+    assert page.evaluate('document.getElementById("said").textContent') == ''
     page.evaluate(LISTEN)
     click(page, RECORD)
     page.wait_for(IS_ON)

@@ -55,7 +55,7 @@ let isExplained = false;
 let mood = 'lost';
 let isPaused = false;
 let noticeTimer = 0;
-let said = {}; // to screen readers
+let said = { isQuiet: false }; // to screen readers
 
 const fixed = Object.fromEntries(['width', 'quality', 'rate']
   .filter((name) => given.has(name)).map((name) => [name, Number(given.get(name)) || 0]));
