@@ -238,6 +238,7 @@ def test_steps_by_buttons(
         page.call('Emulation.setTouchEmulationEnabled', enabled=True, maxTouchPoints=2)
     assert page.evaluate('document.getElementById("later").hidden')
     show_all(page, source, 1, 12)
+    page.wait_for(f'tileOf({TOPIC!r}).querySelector(".history .hint").textContent')
     page.evaluate(SETTLED)
     before = page.evaluate(FRAME)
     pause(page)

@@ -42,7 +42,6 @@ export class History {
     const isKept = (one) => one > second - SECONDS;
     this.#samples = this.#samples.filter((one) => isKept(one.second));
     this.#restarts = this.#restarts.filter(isKept);
-    this.#element.hidden = false;
     if (this.#element.checkVisibility()) this.#draw(second);
   }
 

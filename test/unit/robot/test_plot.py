@@ -113,7 +113,9 @@ def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
 def test_no_warnings_for_unusual_robots(
         tmp_path: Path, robot: Robot, recwarn: pytest.WarningsRecorder) -> None:
     plotted(robot, tmp_path / 'robot.svg')
-    assert not recwarn.list
+    # Those of Matplotlib and numpy; others, such as ResourceWarning, come from earlier tests.
+    assert [one for one in recwarn.list
+            if issubclass(one.category, (UserWarning, RuntimeWarning))] == []
 
 
 def test_names_with_formula_characters(tmp_path: Path) -> None:
