@@ -182,9 +182,7 @@ def start_users(
 def check_ends(subscriber: NodeProcess, count: int, publisher: NodeProcess, words: str) -> None:
     """Assert that both nodes end without an error, what was received and what the sender said."""
     assert subscriber.finish() == 0, subscriber.output
-    # Fast DDS 3 passes on some frames at times, when the subscription ends.
-    if count or os.environ.get('ROS_DISTRO') == 'jazzy':
-        assert f'Received {count} frames' in subscriber.output
+    assert f'Received {count} frames' in subscriber.output
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
     assert words in publisher.output
@@ -197,6 +195,8 @@ def test_frames_from_one_user_to_another(
                'frames are sent over UDP and may be late; run all nodes as one user')
 
 
+@pytest.mark.skipif(os.environ.get('ROS_DISTRO') == 'kilted',
+                    reason='Fast DDS 3 passes on some frames at times')
 def test_users_who_exchange_no_frames(
         start_users: Callable[[str], tuple[NodeProcess, NodeProcess]]) -> None:
     publisher, subscriber = start_users('LOCALHOST')
