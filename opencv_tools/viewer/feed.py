@@ -29,6 +29,9 @@ from opencv_tools.units import NANO
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.restarts import Restarts
 
+#: Name and transport of a subscription.
+FeedKey = tuple[str, str]
+
 # Seconds and periods without a frame after which the reason is shown.
 _QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
 # Time between two looks at a silent feed, in which the executor receives frames that have waited.

@@ -30,7 +30,7 @@ from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.video.messages import VIDEO_TOPICS
 from opencv_tools.viewer.control import Control
-from opencv_tools.viewer.feed import Feed
+from opencv_tools.viewer.feed import Feed, FeedKey
 from opencv_tools.viewer.overlays.boxes import DETECTIONS
 from opencv_tools.viewer.overlays.topics import OverlayTopics
 from opencv_tools.viewer.packets import PACKETS
@@ -39,8 +39,6 @@ from opencv_tools.viewer.recording.images import Topic
 from opencv_tools.viewer.robot.topics import RobotState, RobotTopics
 from rclpy.node import Node
 
-#: Name and transport of a subscription.
-FeedKey = tuple[str, str]
 # Names of topics whose numbers are remembered.
 _MAX_NUMBERS = 10_000
 

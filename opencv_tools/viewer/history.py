@@ -27,16 +27,13 @@ import time
 import numpy as np
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.feed import FeedKey, NewFrame
 from opencv_tools.viewer.stream import UNUSED_SECONDS
 
 #: Time before the newest frame of a topic from which its frames are kept.
 KEPT_SECONDS = 10.0
 # Frames of the node, because small ones need more memory than their bytes.
 _MAX_FRAMES = 10_000
-
-# Name and transport of a subscription.
-_Key = tuple[str, str]
 
 
 @dataclass(eq=False, kw_only=True)
@@ -72,7 +69,7 @@ class Hold:
     :param numbers: numbers of the frames.
     """
 
-    key: _Key
+    key: FeedKey
     numbers: tuple[int, ...]
 
 
@@ -112,7 +109,7 @@ class History:
         self._held_size = 0  # of those that paused pages may show
         self._loop = asyncio.get_running_loop()
         self._lock = Lock()
-        self._topics: dict[_Key, _Topic] = {}
+        self._topics: dict[FeedKey, _Topic] = {}
         self._numbers = itertools.count(1)
 
     def frames(self, name: str) -> list[ReceivedMessage]:
@@ -122,7 +119,7 @@ class History:
                     for one in found.frames.values()]
         return [one.received for one in sorted(kept, key=lambda one: one.number)]
 
-    def add(self, key: _Key, received: ReceivedMessage) -> ReceivedMessage:
+    def add(self, key: FeedKey, received: ReceivedMessage) -> ReceivedMessage:
         """
         Keep a frame if somebody watches its topic.
 
@@ -148,19 +145,19 @@ class History:
                 self.size += kept.size
         return received
 
-    def watch(self, key: _Key) -> None:
+    def watch(self, key: FeedKey) -> None:
         """Keep the frames of a topic from now on."""
         if self.limit:
             with self._lock:
                 self._topics.setdefault(key, _Topic()).watchers += 1
 
-    def unwatch(self, key: _Key) -> None:
+    def unwatch(self, key: FeedKey) -> None:
         """Keep no further frames for a caller of ``watch``, and forget them two seconds later."""
         if self.limit:
             self._topics[key].watchers -= 1
             self._loop.call_later(UNUSED_SECONDS, self._drop_unused, key)
 
-    def hold(self, key: _Key) -> Hold:
+    def hold(self, key: FeedKey) -> Hold:
         """Keep the present frames of a topic until ``release``, within the limit."""
         with self._lock:
             frames = [*self._topics[key].frames.values()] if key in self._topics else []
@@ -212,7 +209,7 @@ class History:
         self.size -= kept.size
         self._held_size -= kept.size if kept.holds else 0
 
-    def _drop_unused(self, key: _Key) -> None:
+    def _drop_unused(self, key: FeedKey) -> None:
         """Forget the frames of a topic that no page can show."""
         with self._lock:
             topic = self._topics.get(key)
@@ -234,7 +231,7 @@ def message_size(message: WireMessage) -> int:
     return max(whole, data.nbytes) + sys.getsizeof(text) + sys.getsizeof(message.header.frame_id)
 
 
-def _frames_of(hold: Hold, topics: Mapping[_Key, _Topic]) -> list[KeptFrame]:
+def _frames_of(hold: Hold, topics: Mapping[FeedKey, _Topic]) -> list[KeptFrame]:
     """Return the frames of a hold that are kept, oldest first."""
     frames = topics[hold.key].frames if hold.key in topics else {}
     return [frames[number] for number in hold.numbers if number in frames]

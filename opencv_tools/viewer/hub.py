@@ -29,9 +29,8 @@ from opencv_tools.viewer.control import Control
 from opencv_tools.viewer.encoded_video import video_source
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.feed import Feed
-from opencv_tools.viewer.graph import (
-    FeedKey, Graph, GraphState, NO_STATE, open_again, ViewTopic)
+from opencv_tools.viewer.feed import Feed, FeedKey
+from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE, open_again, ViewTopic
 from opencv_tools.viewer.history import History
 from opencv_tools.viewer.packets import PacketFeed, PACKETS
 from opencv_tools.viewer.parameters import ViewerSettings

@@ -24,7 +24,7 @@ from typing import Any
 from opencv_tools.units import NANO
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.feed import FeedKey, NewFrame
 from opencv_tools.viewer.history import History, Hold, KeptFrame
 from opencv_tools.viewer.protocol import topic_of, valid_number
 
@@ -68,7 +68,7 @@ class Steps:
         self._history = history
         self._channels = channels
         self._write = write
-        self._watched: dict[str, tuple[str, str]] = {}
+        self._watched: dict[str, FeedKey] = {}
         self._holds: dict[str, Hold] = {}
         self._videos: set[str] = set()  # topics that were sent as video last
         self._waiting: _Request | None = None

@@ -26,7 +26,7 @@ from typing import Any, ParamSpec, TypeVar
 from opencv_tools.logs import Log
 from opencv_tools.viewer.depth_range import DepthRange, Steady
 from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
-from opencv_tools.viewer.feed import Feed, NewFrame
+from opencv_tools.viewer.feed import Feed, FeedKey, NewFrame
 from opencv_tools.viewer.pixels import Pixels, read_pixels
 
 _P = ParamSpec('_P')
@@ -49,7 +49,7 @@ class Stream:
     """
 
     def __init__(
-        self, number: int, key: tuple[str, str], loop: asyncio.AbstractEventLoop, pool: Executor,
+        self, number: int, key: FeedKey, loop: asyncio.AbstractEventLoop, pool: Executor,
         log: Log, feed_type: type[Feed] = Feed,
     ) -> None:
         """

@@ -77,6 +77,14 @@ class Recording:
     async def connect(cls, viewer: NodeProcess) -> Recording:
         return cls(await Page.connect(address_of(viewer)))
 
+    @classmethod
+    async def begin(cls, viewer: NodeProcess, camera: Camera) -> Recording:
+        """Record the topic /image of a camera."""
+        recording = await cls.connect(viewer)
+        assert (await recording.ask(await recording.numbers('/image')))['ok']
+        await camera.seen()
+        return recording
+
     async def numbers(self, *names: str) -> list[int]:
         """Wait until topics are listed; return their numbers."""
         while True:
@@ -159,9 +167,7 @@ def test_bag_of_a_viewer_that_ends(
     camera = Camera(node, '/image')
 
     async def act() -> None:
-        recording = await Recording.connect(viewer)
-        assert (await recording.ask(await recording.numbers('/image')))['ok']
-        await camera.seen()
+        recording = await Recording.begin(viewer, camera)
         recording.page.socket.close()  # the recording goes on
         again = await Recording.connect(viewer)
         for index in range(20):
@@ -184,9 +190,7 @@ def test_bag_of_a_killed_viewer(start: Start, node: Node, tmp_path: Path) -> Non
     camera = Camera(node, '/image')
 
     async def act() -> None:
-        recording = await Recording.connect(viewer)
-        assert (await recording.ask(await recording.numbers('/image')))['ok']
-        await camera.seen()
+        recording = await Recording.begin(viewer, camera)
         for index in range(20):
             camera.publish(picture(index))
         await recording.state(lambda state: state['frames'] == 20)
@@ -447,9 +451,7 @@ def test_recording_without_a_frame(start: Start, node: Node, tmp_path: Path) -> 
     camera = Camera(node, '/image')
 
     async def act() -> None:
-        recording = await Recording.connect(viewer)
-        assert (await recording.ask(await recording.numbers('/image')))['ok']
-        await camera.seen()
+        recording = await Recording.begin(viewer, camera)
         assert await recording.ask(False) == {
             'ok': True, 'message': 'Recorded 0 frames: none has arrived'}
 
@@ -526,9 +528,7 @@ def test_full_disk(start: Start, node: Node, tmp_path: Path) -> None:
     large = np.zeros((2000, 2000, 3), np.uint8)
 
     async def act() -> None:
-        recording = await Recording.connect(viewer)
-        assert (await recording.ask(await recording.numbers('/image')))['ok']
-        await camera.seen()
+        recording = await Recording.begin(viewer, camera)
         # A disk that has no room although `statvfs` says so: no file may be larger.
         subprocess.run(['prlimit', f'--pid={viewer.pid}', '--fsize=13000000:'], check=True)
         await publishing(lambda: camera.publish(large), recording.state(

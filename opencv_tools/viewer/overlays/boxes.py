@@ -32,7 +32,8 @@ DETECTIONS = 'vision_msgs/msg/Detection2DArray'
 MAX_BYTES, MAX_DETECTIONS = 1 << 23, 10_000
 #: Largest number of boxes for a page.
 MAX_BOXES = 500
-_LARGEST = 1e6  # pixels; no image is so large
+#: Largest number of pixels on an axis; no image is so large.
+LARGEST = 1e6
 _MAX_LABEL = 40
 _HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
 _ORDERS = {b'\0\0': '>', b'\0\1': '<'}
@@ -158,8 +159,8 @@ class _Reader:
                     best = score if math.isfinite(score) else -math.inf
             x, y, angle, width, height = self._take(self._box, 8)
             self._string()
-            is_valid = (abs(x) <= _LARGEST and abs(y) <= _LARGEST and 0 < width <= _LARGEST
-                        and 0 < height <= _LARGEST and math.isfinite(angle))
+            is_valid = (abs(x) <= LARGEST and abs(y) <= LARGEST and 0 < width <= LARGEST
+                        and 0 < height <= LARGEST and math.isfinite(angle))
             yield (best, (x, y, width, height, math.remainder(angle, math.tau)), name
                    ) if is_valid else None
 

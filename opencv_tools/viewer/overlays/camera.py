@@ -22,13 +22,13 @@ from opencv_tools.camera_model import raw_view
 from opencv_tools.image.errors import CdrError, ImageError
 from opencv_tools.image.text import printable
 from opencv_tools.viewer.errors import MAX_MESSAGE
+from opencv_tools.viewer.overlays.boxes import LARGEST
 from opencv_tools.viewer.overlays.sources import CameraSource
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
 
 #: Largest size of a message in bytes; one of a camera has some hundreds.
 MAX_INFO_BYTES = 4096
-_LARGEST = 1e6  # pixels; no image is so large
 _RECTIFIED = 'image_rect'  # begin of the names of image_proc, as in rectified.js of the page
 _STAMPED = 12  # bytes of a message up to the end of its stamp
 _MIDDLE = 0.5  # of the first pixel, which spans 0 to 1 on the page and is 0 in a camera_info
@@ -101,7 +101,7 @@ def camera_json(data: bytes, topic: str, size: tuple[int, int]) -> dict[str, Any
 
 def _point(values: tuple[float, float]) -> list[float] | None:
     """Return a point of the page; None for one that is far outside of any image."""
-    if not all(abs(value) <= _LARGEST for value in values):  # NaN is not either
+    if not all(abs(value) <= LARGEST for value in values):  # NaN is not either
         return None
     return [round(value + _MIDDLE, 2) for value in values]
 
