@@ -67,10 +67,12 @@ class Hold:
 
     :param key: topic and transport.
     :param numbers: numbers of the frames.
+    :param too_large: bytes of the newest message if it is larger than all that may be kept.
     """
 
     key: FeedKey
     numbers: tuple[int, ...]
+    too_large: int
 
 
 @dataclass
@@ -160,11 +162,11 @@ class History:
     def hold(self, key: FeedKey) -> Hold:
         """Keep the present frames of a topic until ``release``, within the limit."""
         with self._lock:
-            frames = [*self._topics[key].frames.values()] if key in self._topics else []
-            for kept in frames:
+            topic = self._topics.get(key, _Topic())
+            for kept in topic.frames.values():
                 self._held_size += 0 if kept.holds else kept.size
                 kept.holds += 1
-        return Hold(key, tuple(kept.number for kept in frames))
+            return Hold(key, tuple(topic.frames), topic.too_large)
 
     def release(self, hold: Hold) -> None:
         """End a hold."""
@@ -181,13 +183,12 @@ class History:
 
     def explain(self, hold: Hold) -> str:
         """Return why a hold has lost frames, or has never had any, as the end of a sentence."""
-        topic = self._topics.get(hold.key, _Topic())
         if not self.limit:
             return 'history_bytes is 0'
         if hold.numbers:
             return f'others needed the {self.limit} bytes of history_bytes'
-        if topic.too_large:
-            return f'a frame has {topic.too_large} bytes, and history_bytes is {self.limit}'
+        if hold.too_large:
+            return f'a frame has {hold.too_large} bytes, and history_bytes is {self.limit}'
         return 'none has come while the page showed the topic alone'
 
     def _make_room(self, topic: _Topic, new: KeptFrame) -> None:

@@ -40,12 +40,17 @@ window.drawn = [];
 window.sockets = [];
 window.sent = [];
 window.received = [];
+window.followed = new Set();
 window.WebSocket = class extends WebSocket {
   constructor(...words) {
     super(...words);
     sockets.push(this);
     this.addEventListener('message', ({ data }) => {
-      if (data instanceof ArrayBuffer && received.length < 10) received.push(data.slice(0));
+      if (data instanceof ArrayBuffer) {
+        if (received.length < 10) received.push(data.slice(0));
+      } else {
+        for (const { name } of JSON.parse(data).status ?? []) followed.add(name);
+      }
     });
   }
   send(text) { super.send(text); sent.push(JSON.parse(text)); }

@@ -47,6 +47,8 @@ PATCH = 40, 220  # a pixel in the field that has values of its own in each frame
 #: Place and size of the picture.
 FRAME = ('(({left, top, width, height}) => [left, top, width, height].map(Math.round).join())('
          f'tileOf({TOPIC!r}).querySelector(".frame").getBoundingClientRect())')
+PAINTED = ('new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))'
+           '.then(() => true)')
 SETTLED = 'new Promise((done) => setTimeout(done, 1200))'  # the tiles have their size
 STATE = 'document.getElementById("state").textContent'
 
@@ -111,9 +113,15 @@ class SharedCamera(Camera):
                             is_message=super().is_watched())
 
 
+def wait_for_history(page: Page, camera: Any) -> None:
+    """Wait until the viewer keeps the frames of a camera."""
+    camera.wait_for_viewer()
+    page.wait_for(f'followed.has({camera.topic!r})')
+
+
 def show_all(page: Page, camera: Any, first: int, last: int) -> None:
     """Publish frames one by one, each after the page has drawn the one before."""
-    camera.wait_for_viewer()
+    wait_for_history(page, camera)
     for number in range(first, last + 1):
         camera.send(number)
         page.wait_for(f'numberOf({camera.topic!r}) === {number}')
@@ -157,6 +165,7 @@ def check(page: Page, number: int, text: str) -> None:
     """Check that the page shows a frame: its picture, the value of its pixel, and its place."""
     page.wait_for(f'numberOf({TOPIC!r}) === {number}')
     page.wait_for(f'{TEXT} === {json.dumps(text)}')
+    page.evaluate(PAINTED)  # a text of several lines makes the picture smaller
     shown = page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), 0.125, 0.9)')
     assert np.abs(np.array(shown[::-1]) - values_of(number)).max() < 12
     move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
@@ -246,7 +255,11 @@ def test_steps_by_buttons(
         for _ in range(count):
             (touch if is_phone else click)(page, way)
     check(page, 9, 'frame 9 of 12, 0.3 s before')
-    page.wait_for(f'{FRAME} === {before!r}')  # the picture keeps its place
+    assert page.evaluate(FRAME) == before  # the picture keeps its place
+    for _ in range(9):
+        (touch if is_phone else click)(page, 'earlier')
+    check(page, 1, 'frame 1 of 12, 1.1 s before, the first one')
+    assert page.evaluate(FRAME) == before
     check_all(page)
     if is_phone:
         return
@@ -276,7 +289,7 @@ def test_held_key_shows_each_frame(viewer: Viewer, browser: Browser, camera: Nod
 def test_zoom_while_stepped(viewer: Viewer, browser: Browser, camera: Node) -> None:
     source = RawCamera(camera, TOPIC)
     page = open_alone(viewer, browser)
-    source.wait_for_viewer()
+    wait_for_history(page, source)
     sides = {'width': 1280, 'height': 960}
     for number in range(1, 7):
         source.send(number, **sides)
@@ -321,7 +334,7 @@ def test_topic_beside_shows_the_nearest_stamp(
     front, rear = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)
     page = open_alone(viewer, browser, f'&beside={OTHER}')
     for source in (front, rear):
-        source.wait_for_viewer()
+        wait_for_history(page, source)
     for number in range(1, 13):
         front.send(number)
         page.wait_for(f'numberOf({TOPIC!r}) === {number}')
@@ -344,13 +357,14 @@ def test_values_beside_after_quick_steps(
     page = open_alone(viewer, browser, f'&beside={OTHER}')
     for number in range(1, 21):
         for source in (front, rear):
-            source.wait_for_viewer()
+            wait_for_history(page, source)
             source.send(number)
             page.wait_for(f'numberOf({source.topic!r}) === {number}')
     page.press(' ')
     page.wait_for('new Set(sent.filter((one) => one.held).map((one) => one.subscribe)).size === 2')
     page.evaluate(SETTLED)
     move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
+    before = page.evaluate(FRAME)
     shown = 20
     for key, count in ((',', 3), (',', 1), (',', 12), ('.', 5), (',', 40)):
         for _ in range(count):
@@ -361,6 +375,8 @@ def test_values_beside_after_quick_steps(
             page.wait_for(f'numberOf({topic!r}) === {shown} && '
                           f'tileOf({topic!r}).querySelector(".pixel").textContent'
                           f' === "40, 220: B {blue}, G {green}, R {red}"')
+        page.evaluate(PAINTED)
+        assert page.evaluate(FRAME) == before
     assert page.complaints() == []
 
 

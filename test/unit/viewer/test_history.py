@@ -158,6 +158,8 @@ def test_frame_larger_than_the_limit_is_not_kept() -> None:
         history.add(KEY, received(1))
         hold = history.hold(KEY)
         assert history.size == 0 and hold.numbers == ()
+        history.unwatch(KEY)
+        history._drop_unused(KEY)  # as two seconds later
         assert history.explain(hold) == (
             f'a frame has {message_size(received(1).image)} bytes, and history_bytes is {SIZE}')
 
