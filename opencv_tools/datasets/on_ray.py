@@ -80,6 +80,8 @@ def _connect(address: str) -> Any:
         _check_listening(address)
         # Ray's 20 attempts of 36 s would be twelve minutes for a port of another program.
         os.environ.setdefault('RAY_NUM_REDIS_GET_RETRIES', '1')
+    # Ray writes errors of its own to the terminal while a signal ends the command.
+    os.environ.setdefault('RAY_BACKEND_LOG_LEVEL', 'fatal')
     try:
         import ray
     except ImportError as err:
