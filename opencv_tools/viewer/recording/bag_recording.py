@@ -35,7 +35,7 @@ from opencv_tools.viewer.recording.images import RecordedImages, Topic
 from rclpy.node import Node
 
 # Frames that wait for the disk, and their bytes. A frame that finds no room is dropped.
-_MAX_FRAMES, _MAX_BYTES = 64, 256 << 20
+_MAX_FRAMES, _MAX_BYTES = 1000, 256 << 20
 _SILENT_SECONDS = 3.0
 _MAX_SILENT = 3  # topics whose reasons are shown
 
