@@ -167,7 +167,7 @@ def test_publisher_waits_again_without_readers(
     assert not topics.backlog.deliver(lambda: False)  # to a reader that leaves after this
     output = OutputImage(CapturedFrame(picture(1), '16UC1'), OutputSettings())
     topics.publish(output, Time(), 'eye', is_live=False)
-    assert topics.backlog.wait_for_all()
+    spin_until(node, topics.backlog.wait_for_all)
     monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 30.0)
     room = iter((False, False, True))
     assert topics.backlog.deliver(lambda: next(room))
