@@ -27,11 +27,9 @@ from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.link_rate import LinkRate, MAX_WINDOW
 from opencv_tools.viewer.protocol import finite, step_width, ViewOptions
+from opencv_tools.viewer.rate_limit import RateLimit
 from opencv_tools.viewer.shown_frame import ShownFrame
 from opencv_tools.viewer.stream import Stream
-
-# A frame may be sent before it is due by this part of the period, because frames have a jitter.
-_EARLY = 0.5
 
 
 class Channel:
@@ -67,8 +65,7 @@ class Channel:
         self._last: tuple[Picture, int] | None = None
         self._last_number = 0
         self._number = 0
-        self._due = 0.0
-        self._timer: asyncio.TimerHandle | None = None
+        self._limit = RateLimit(self._loop, self.frame_arrived)
         self._is_encoding = False
         self._is_closed = False
         #: What the viewer requests.
@@ -93,22 +90,18 @@ class Channel:
         self._is_closed = True
         self.shown.close()
         self.stream.watchers.discard(self.frame_arrived)
-        if self._timer:
-            self._timer.cancel()
+        self._limit.close()
 
     def frame_arrived(self) -> None:
         """Send the newest frame, unless the page is busy or the frame is not due."""
         frame = self.shown.held if self.options.held else self._newest(self.stream.feed)
         window = self._link.window if self._link and not self.options.held else 1
         if (frame is None or frame.number == self._number or self._is_encoding
-                or self._is_closed or self._timer or len(self._unanswered) >= window):
+                or self._is_closed or len(self._unanswered) >= window):
             return
-        now, period = self._loop.time(), 1 / self.options.rate
-        wait = self._due - _EARLY * period - now
-        if wait > 0:
-            self._timer = self._loop.call_later(wait, self._end_wait)
+        source_rate = 0.0 if self.options.held else self.stream.feed.rate
+        if not self._limit.allows(self.options.rate, source_rate):
             return
-        self._due = max(self._due, now) + period
         self._number = frame.number
         self._is_encoding = True
         future = self.stream.picture(frame, self._picture_options())
@@ -150,10 +143,6 @@ class Channel:
         self._width = options.width if options.fixed else step_width(options.width)
         self._link: LinkRate | None = None
         self._source_width = 0
-
-    def _end_wait(self) -> None:
-        self._timer = None
-        self.frame_arrived()
 
     def _picture_options(self) -> PictureOptions:
         options = self.options

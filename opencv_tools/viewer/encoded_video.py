@@ -30,6 +30,7 @@ from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
 from opencv_tools.viewer.pixels import Pixels, read_pixels
+from opencv_tools.viewer.rate_limit import RateLimit
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.video_link import SLOW_BIT_RATE
 from opencv_tools.viewer.video_source import PacketReceiver, PublishedVideo, VideoSource
@@ -50,12 +51,10 @@ class EncodedVideo(VideoSource):
         """
         super().__init__(stream, loop.time)
         self._settings = settings
-        self._loop = loop
-        self._period = 1 / rate
+        self._rate = rate
         self._encoder = VideoStream(settings)
         self._number = self._frame_number = 0
-        self._due = 0.0
-        self._timer: asyncio.TimerHandle | None = None
+        self._limit = RateLimit(loop, self._frame_arrived)
         self._is_encoding = False
         self._task: asyncio.Task[None] | None = None
         self._refusal = ''
@@ -85,21 +84,12 @@ class EncodedVideo(VideoSource):
     def _frame_arrived(self) -> None:
         frame = self.stream.feed.newest
         if (frame is None or frame.number == self._frame_number or self._is_encoding
-                or self._timer or not any(channel.is_ready for channel in self.channels)):
+                or not any(channel.is_ready for channel in self.channels)
+                or not self._limit.allows(self._rate, self.stream.feed.rate)):
             return
-        now = self._loop.time()
-        wait = self._due - self._period / 2 - now
-        if wait > 0:
-            self._timer = self._loop.call_later(wait, self._end_wait)
-            return
-        self._due = max(self._due, now) + self._period
         self._is_encoding = True
         self._frame_number = frame.number
         self._task = asyncio.ensure_future(self._encode(frame, self._encoder))
-
-    def _end_wait(self) -> None:
-        self._timer = None
-        self._frame_arrived()
 
     async def _encode(self, frame: NewFrame, encoder: VideoStream) -> None:
         """Encode a frame in a thread. The next frame follows, if it has arrived meanwhile."""
