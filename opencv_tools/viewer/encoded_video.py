@@ -84,8 +84,9 @@ class EncodedVideo(VideoSource):
     def _frame_arrived(self) -> None:
         frame = self.stream.feed.newest
         if (frame is None or frame.number == self._frame_number or self._is_encoding
-                or not any(channel.is_ready for channel in self.channels)
-                or not self._limit.allows(self._rate, self.stream.feed.rate)):
+                or not any(channel.is_ready for channel in self.channels)):
+            return
+        if not self._limit.allows(self._rate, self.stream.feed.rate):
             return
         self._is_encoding = True
         self._frame_number = frame.number

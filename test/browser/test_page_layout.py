@@ -149,8 +149,7 @@ def check_all(page: Page) -> None:
     for width, height in SIZES:
         page.resize(width, height)
         page.wait_for(f'innerWidth === {width}')
-        page.evaluate('new Promise((done) => requestAnimationFrame('
-                      '() => requestAnimationFrame(done)))')  # the page has arranged its tiles
+        page.wait_for_paint()
         check_layout(page, width)
         for scheme in ('light', 'dark'):
             page.prefer(scheme)

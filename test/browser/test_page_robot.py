@@ -206,10 +206,10 @@ def test_nothing_is_drawn_while_nothing_moves(browser: Browser, tmp_path: Path) 
     page.evaluate('robotView.stage.request()')
     page.wait_for('!robotView.stage.wanted')
     # Two pictures of the screen pass, and nothing asks for another one.
-    frames = 'new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))'
-    before = page.evaluate(f'{frames}.then(() => robotView.stage.draws)')
+    page.wait_for_paint()
+    before = page.evaluate('robotView.stage.draws')
     for _ in range(20):
-        page.evaluate(frames)
+        page.wait_for_paint()
     assert page.evaluate('robotView.stage.draws') == before
     # Each picture of the screen that a joint moves in is drawn once.
     page.evaluate("""(async () => {

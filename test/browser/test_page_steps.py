@@ -47,8 +47,6 @@ PATCH = 40, 220  # a pixel in the field that has values of its own in each frame
 #: Place and size of the picture.
 FRAME = ('(({left, top, width, height}) => [left, top, width, height].map(Math.round).join())('
          f'tileOf({TOPIC!r}).querySelector(".frame").getBoundingClientRect())')
-PAINTED = ('new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))'
-           '.then(() => true)')
 SETTLED = 'new Promise((done) => setTimeout(done, 1200))'  # the tiles have their size
 STATE = 'document.getElementById("state").textContent'
 
@@ -165,7 +163,7 @@ def check(page: Page, number: int, text: str) -> None:
     """Check that the page shows a frame: its picture, the value of its pixel, and its place."""
     page.wait_for(f'numberOf({TOPIC!r}) === {number}')
     page.wait_for(f'{TEXT} === {json.dumps(text)}')
-    page.evaluate(PAINTED)  # a text of several lines makes the picture smaller
+    page.wait_for_paint()  # a text of several lines makes the picture smaller
     shown = page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), 0.125, 0.9)')
     assert np.abs(np.array(shown[::-1]) - values_of(number)).max() < 12
     move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
@@ -355,9 +353,10 @@ def test_values_beside_after_quick_steps(
         viewer: Viewer, browser: Browser, camera: Node) -> None:
     front, rear = RawCamera(camera, TOPIC), RawCamera(camera, OTHER)
     page = open_alone(viewer, browser, f'&beside={OTHER}')
+    for source in (front, rear):
+        wait_for_history(page, source)
     for number in range(1, 21):
         for source in (front, rear):
-            wait_for_history(page, source)
             source.send(number)
             page.wait_for(f'numberOf({source.topic!r}) === {number}')
     page.press(' ')
@@ -375,7 +374,7 @@ def test_values_beside_after_quick_steps(
             page.wait_for(f'numberOf({topic!r}) === {shown} && '
                           f'tileOf({topic!r}).querySelector(".pixel").textContent'
                           f' === "40, 220: B {blue}, G {green}, R {red}"')
-        page.evaluate(PAINTED)
+        page.wait_for_paint()
         assert page.evaluate(FRAME) == before
     assert page.complaints() == []
 

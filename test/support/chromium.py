@@ -160,6 +160,11 @@ class Page:
             shown = self.evaluate('document.body.innerText')
             raise AssertionError(f'{err}: {self.complaints()} on the page\n{shown}') from err
 
+    def wait_for_paint(self) -> None:
+        """Wait until the page has arranged and painted what has changed."""
+        self.evaluate('new Promise((done) => requestAnimationFrame('
+                      '() => requestAnimationFrame(done)))')
+
     def resize(self, width: int, height: int, scale: float = 1.0) -> None:
         """Set the size of the viewport in pixels of the style sheet."""
         self.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
