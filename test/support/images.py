@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
+from opencv_tools.image.cdr import NO_HEADER, WireHeader, WireImage
 from opencv_tools.image.encodings import find_encoding
 
 DATA = Path(__file__).parents[1] / 'data'
@@ -59,6 +60,24 @@ def random_image(encoding: str, height: int, width: int) -> np.ndarray:
     for first, special in enumerate((np.nan, np.inf, -np.inf, 2.0**31, -2.0**31)):
         image.flat[5 + first::29] = special
     return image
+
+
+def padded_image(image: np.ndarray, encoding: str, padding: int, is_bigendian: bool = False,
+                 header: WireHeader = NO_HEADER) -> WireImage:
+    """Return the message of an image, with bytes that are no pixels at the end of each row."""
+    found = find_encoding(encoding)
+    rows, width = image.shape[:2]
+    height, row = found.height(rows), width * found.pixel_bytes
+    order = '>' if is_bigendian else '<'
+    lines = [line.tobytes() for line in image.astype(image.dtype.newbyteorder(order))]
+    if found.row_factor == 3:  # a chroma line of nv24 has two rows, and the padding of two
+        chroma = [first + second for first, second in zip(lines[height::2], lines[height + 1::2])]
+        data = b''.join([*(line + padding * b'x' for line in lines[:height]),
+                         *(line + 2 * padding * b'x' for line in chroma)])
+    else:
+        data = b''.join(line + padding * b'x' for line in lines)
+    return WireImage(header=header, height=height, width=width, encoding=encoding,
+                     is_bigendian=is_bigendian, step=row + padding, data=data)
 
 
 def recorded_outcomes() -> dict[tuple[str, str], str | None]:

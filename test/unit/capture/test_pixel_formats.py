@@ -44,7 +44,7 @@ HEIGHT, WIDTH = 6, 8
 PADDING = 4
 
 
-@pytest.mark.parametrize('padding', [0, PADDING])
+@pytest.mark.parametrize('padding', [0, 1, 7, 32])
 @pytest.mark.parametrize('fourcc', [
     fourcc for fourcc, known in PIXEL_FORMATS.items()
     if known.encoding not in ('jpeg', 'video') and fourcc not in ('YU12', 'YV12', 'NV24')])
@@ -54,7 +54,7 @@ def test_padding_of_lines_is_skipped(fourcc: str, padding: int) -> None:
     rows = encoding.rows(HEIGHT)
     content = np.random.default_rng(3).integers(
         0, 255, (rows, WIDTH * encoding.pixel_bytes), np.uint8)
-    padded = np.pad(content, ((0, 0), (0, padding * encoding.pixel_bytes)), constant_values=77)
+    padded = np.pad(content, ((0, 0), (0, padding)), constant_values=77)
     data = padded.tobytes()
     image = read_pixels(known, data, HEIGHT, WIDTH, padded.shape[1])
     assert image.tobytes() == content.tobytes()

@@ -101,8 +101,7 @@ def check_answer(
         tracemalloc.stop()
     assert time.process_time() - began < DEADLINE  # independent of the size in the message
     assert peak < 2 * MEGABYTE
-    valid = (step >= fitting and not step % found.pixel_bytes and encoding != '8UC0'
-             and size >= found.rows(height) * step
+    valid = (step >= fitting and encoding != '8UC0' and size >= found.rows(height) * step
              and not (found.row_factor == 1.5 and (height % 2 or width % 2)))
     if image is None:
         assert not (valid and desired == 'passthrough' and encoding in ENCODINGS)
