@@ -24,7 +24,7 @@ from threading import Lock, Timer
 import time
 from typing import Protocol
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import without_password
 
 _MAX_LINE = 10_000  # characters; a sentence may name two of the longest paths of Linux
 _MAX_KEYS = 256
@@ -152,8 +152,8 @@ class Log:
         self._throttle.forget(key)
 
     def _line(self, text: str, once: str, every: float, key: str) -> str:
-        """Return the printable line, '' if it is left out."""
-        line = printable(text, _MAX_LINE)
+        """Return the printable line without passwords, '' if it is left out."""
+        line = without_password(text, _MAX_LINE)
         if once:
             return line if self._throttle.passes(once) else ''
         return line if not every or self._throttle.passes(key or line, every) else ''

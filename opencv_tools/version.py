@@ -12,11 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Version of the package, and the option ``--version`` of its commands."""
+"""Version of the package, and the command lines that print it."""
 
 from __future__ import annotations
 
 import argparse
+from typing import Any, NoReturn
+
+from opencv_tools.image.text import without_password
 
 
 def package_version() -> str:
@@ -28,10 +31,18 @@ def package_version() -> str:
         return 'unknown'
 
 
-def add_version_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--version``, which prints the name of the command and the version."""
-    parser.add_argument('--version', action=_PrintVersion, nargs=0, dest=argparse.SUPPRESS,
-                        help='show the version and exit')
+class CommandParser(argparse.ArgumentParser):
+    """A command line with the option ``--version``, whose errors quote no password."""
+
+    def __init__(self, **options: Any) -> None:
+        """Create the command line; options as for ``ArgumentParser``."""
+        super().__init__(**options)
+        self.add_argument('--version', action=_PrintVersion, nargs=0, dest=argparse.SUPPRESS,
+                          help='show the version and exit')
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage and an error, and exit with status 2."""
+        super().error(without_password(message))
 
 
 class _PrintVersion(argparse.Action):

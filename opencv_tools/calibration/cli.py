@@ -25,9 +25,10 @@ from collections.abc import Sequence
 import sys
 from typing import TYPE_CHECKING
 
+from opencv_tools.image.text import without_password
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.version import add_version_option
+from opencv_tools.version import CommandParser
 
 if TYPE_CHECKING:
     from opencv_tools.calibration.command import TopicSearch
@@ -56,7 +57,7 @@ def main(
             source=sources[0] if sources else '', source_count=len(sources), **vars(options)),
             search_topics)
     except ValueError as err:
-        print(f'img_calibrate: error: {err}', file=sys.stderr)
+        print(f'img_calibrate: error: {without_password(str(err))}', file=sys.stderr)
         return _USAGE_ERROR
     except KeyboardInterrupt:
         print('img_calibrate: error: interrupted', file=sys.stderr)
@@ -66,7 +67,7 @@ def main(
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='img_calibrate', allow_abbrev=False, argument_default=argparse.SUPPRESS,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Calibrate a camera from pictures of a board.',
@@ -85,7 +86,6 @@ exit status:
   1  no usable calibration, a degraded one with --check, or a signal ended the command
   2  invalid arguments
 """)
-    add_version_option(parser)
     parser.add_argument('sources', nargs='*', default=[], metavar='SOURCE', help='image '
                         'file, folder or glob of images, video file, or bag')
     parser.add_argument('--board', required=True, metavar='BOARD', help='board in the images: '

@@ -28,6 +28,7 @@ from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import is_camera, is_pattern, names_bag, open_source
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.text import without_password
 from opencv_tools.units import NANO
 
 _RATE = 10.0  # frames of a video that are searched in a second
@@ -59,15 +60,16 @@ def open_files(text: str, topic: str = '') -> FileSource:
     :raises CaptureError: the source cannot be opened.
     :raises ValueError: the text names no source, or one without an end.
     """
+    shown = without_password(text)
     if topic and not names_bag(text):
-        raise ValueError(f'the topic {topic!r:.80} is for a bag, but {text!r:.80} is none: leave '
+        raise ValueError(f'the topic {topic!r:.80} is for a bag, but {shown!r:.80} is none: leave '
                          'the topic out')
     if not (is_camera(text) or is_pattern(text)):
         source = open_source(text, bag_topic=topic)
         if not source.live:
             return source
         source.close()
-    raise ValueError(f'the source {text!r:.80} has no end: give image files, a folder, a '
+    raise ValueError(f'the source {shown!r:.80} has no end: give image files, a folder, a '
                      'video or a bag, which img_subscriber records')
 
 

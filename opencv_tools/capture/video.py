@@ -18,14 +18,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+import re
 import socket
 from typing import Literal
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import cv2
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
-from opencv_tools.image.text import MAX_PATH, printable, without_password
+from opencv_tools.image.text import enumerated, MAX_PATH, printable, without_password
 
 # Containers with an index of their frames. For other containers OpenCV estimates the number.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
@@ -36,6 +37,10 @@ _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rt
 
 # Timeout of the connection to each address of the server.
 _ANSWER_SECONDS = 2.0
+
+# Characters that a user name or password may have as they are, and those that are encoded already.
+_ALLOWED = "!$&'()*+,;=:@"
+_ENCODED = re.compile('%[0-9A-Fa-f]{2}')
 
 
 class VideoSource:
@@ -132,6 +137,28 @@ def describe_video(capture: cv2.VideoCapture) -> str:
     return f'{width}x{height} at {video_rate(capture):g} Hz'
 
 
+def check_url(url: str) -> None:
+    """
+    Check that the host and the port of a URL can be read.
+
+    :raises ValueError: they cannot. The message has the characters of the user name and password
+        to encode, and no other part of the URL, because each may be a part of the password.
+    """
+    try:
+        _ = urlsplit(url).port
+        return
+    except ValueError:  # it quotes a part of the URL
+        remedy = 'write HOST:PORT or [ADDRESS]:PORT, with a port from 0 to 65535'
+    user, at, _ = url.partition('://')[2].rpartition('@')
+    odd = sorted(letter for letter in {*_ENCODED.sub('', user)}
+                 if quote(letter, _ALLOWED, errors='replace') != letter)
+    if at and odd:
+        written = [f"'{printable(letter)}' as {quote(letter, '', errors='replace')}"
+                   for letter in odd]
+        remedy = f'write {enumerated(written)} in the user name and the password'
+    raise ValueError(f'the host and the port of this URL cannot be read: {remedy}')
+
+
 def describe_failure(url: str) -> str:
     """
     Return the reason why a stream could not be opened.
@@ -143,14 +170,20 @@ def describe_failure(url: str) -> str:
         the password of the URL.
     """
     shown = without_password(url)
+    unknown = f'{shown} cannot be opened as a video: it is unreachable or sends no video'
     try:
+        check_url(url)
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
+        if '@' in parts.path + parts.query + parts.fragment:  # the host may be a part of the user
+            return (f'{unknown}; write / ? # of a user name or password as %2F %3F %23')
         if parts.scheme not in _PORTS or not host or not port:
-            return f'{shown} cannot be opened as a video: it is unreachable or sends no video'
+            return unknown
         socket.create_connection((host, port), _ANSWER_SECONDS).close()
+    except UnicodeError:  # it quotes the host
+        return f'{shown} is not a URL: its host is not a name or an address'
     except ValueError as err:
-        return f'{shown} is not a URL: {printable(err)}'
+        return f'{shown} is not a URL: {err}'
     except TimeoutError:
         reason = f'no answer in {_ANSWER_SECONDS:g} s'
     except OSError as err:

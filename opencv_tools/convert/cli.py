@@ -25,9 +25,10 @@ from collections.abc import Sequence
 import sys
 
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
+from opencv_tools.image.text import without_password
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.version import add_version_option
+from opencv_tools.version import CommandParser
 
 _INTERRUPTED = 1
 _USAGE_ERROR = 2
@@ -50,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return convert(Request(**vars(options)))
     except ValueError as err:
-        print(f'img_convert: error: {err}', file=sys.stderr)
+        print(f'img_convert: error: {without_password(str(err))}', file=sys.stderr)
         return _USAGE_ERROR
     except KeyboardInterrupt:
         return _INTERRUPTED  # a second request; pending work was not finished
@@ -59,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='img_convert', allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Convert between bags, videos and image files, without ROS.',
@@ -75,7 +76,6 @@ exit status:
   1  a frame or file failed, or a signal ended the conversion
   2  invalid arguments, also those that do not suit the source
 """)
-    add_version_option(parser)
     parser.add_argument(
         'source', metavar='SOURCE', help='bag (.mcap, .db3 or folder of rosbag2), video file, '
         'image file, folder or glob of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]')

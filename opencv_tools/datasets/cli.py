@@ -27,8 +27,9 @@ import sys
 
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import FORMATS, LEROBOT
+from opencv_tools.image.text import without_password
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.version import add_version_option
+from opencv_tools.version import CommandParser
 
 _INTERRUPTED = 1
 _USAGE_ERROR = 2
@@ -73,7 +74,7 @@ def main(argv: Sequence[str]) -> int:
         import_pyarrow()
         return run(options)
     except DatasetError as err:
-        print(f'img_convert: error: {err}', file=sys.stderr)
+        print(f'img_convert: error: {without_password(str(err))}', file=sys.stderr)
         return _USAGE_ERROR
     except KeyboardInterrupt:
         print('img_convert: interrupted', file=sys.stderr)
@@ -83,14 +84,13 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = CommandParser(
         prog='img_convert', allow_abbrev=False, epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Convert bags to a data set for training, or check or merge one.',
         usage='img_convert SOURCE TARGET --format FORMAT --fps N [options]\n'
               '       img_convert --check SET\n'
               '       img_convert --merge SHARD [SHARD ...] SET')
-    add_version_option(parser)
     parser.add_argument('paths', metavar='PATH', nargs='*', help='bag, folder with bags or glob '
                         'pattern, then the new folder; or what --check and --merge need')
     modes = parser.add_mutually_exclusive_group(required=True)

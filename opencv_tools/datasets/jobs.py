@@ -33,7 +33,7 @@ from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
 from opencv_tools.datasets.plan import Plan
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import printable, without_password
 from opencv_tools.regular_files import user_path
 from opencv_tools.signals import ignore_signals
 
@@ -77,10 +77,10 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
         root = Path(os.path.commonpath([bag.absolute().parent for bag in bags])) if bags else path
         found = [(bag, str(bag.absolute().relative_to(root))) for bag in bags]
     if not found:
-        raise DatasetError(f'{printable(source)} is no bag, and has none: give a file '
+        raise DatasetError(f'{without_password(source)} is no bag, and has none: give a file '
                            f'({", ".join(BAG_SUFFIXES)}), a folder or a pattern')
     if len(found) > _MOST_BAGS:
-        raise DatasetError(f'{printable(source)} has more than {_MOST_BAGS} bags')
+        raise DatasetError(f'{without_password(source)} has more than {_MOST_BAGS} bags')
     return [Job(bag.absolute(), name, part_folder(parts.absolute(), name))
             for bag, name in sorted(found, key=lambda pair: natural_key(pair[1]))]
 

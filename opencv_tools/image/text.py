@@ -23,10 +23,20 @@ _MAX_TEXT = 200
 #: Longest path of Linux in bytes (PATH_MAX).
 MAX_PATH = 4096
 _MORE = '...'
-_PASSWORD = re.compile(r'(://[^/?#@:\s]*):[^/?#\s]*@')
-_SECRET = re.compile(r'(?i)([?&](?:pass|passwd|password|pwd|secret|token|key|api_?key)=)[^&#\s]+')
 #: Text that stands for a secret.
 HIDDEN = '***'
+#: Ends of the names whose values are secrets in URLs: ``?access_token=``, ``/user=me_password=``.
+SECRET_NAMES = ('password', 'passwd', 'passphrase', 'passcode', 'pass', 'pas', 'pwd', 'psw', 'pw',
+                'pin', 'secret', 'token', 'key', 'auth', 'authorization', 'signature', 'sig',
+                'credential', 'credentials')
+# Each pattern leaves what is hidden already, so that a message may quote a shown URL.
+# A value ends where the next name begins, because a password may have any character.
+_VALUE = re.compile(
+    rf'(?is)((?:{"|".join(SECRET_NAMES)})=)(?!\*\*\*(?:\W|$))(?:(?!&[\w.-]+=).)*')
+# Files and packages have no user name.
+_BEGIN = re.compile(r'(?i)(?<!\bfile)(?<!\bpackage)://(?!\*{3}@|@)')
+_AT = re.compile(r'(?<!://\*{3})@')
+_FIELDS = re.compile(r'://|[?&]')
 
 
 def printable(text: object, longest: int = _MAX_TEXT) -> str:
@@ -58,12 +68,33 @@ def enumerated(texts: Sequence[str], most: int = 5, further: int = 0) -> str:
     return ', '.join(texts[:most]) + (f' and {others} more' if others else '')
 
 
-def without_password(url: str) -> str:
+def hide_passwords(text: str) -> str:
     """
-    Return a URL without its passwords, for messages.
+    Return a text without the passwords of its URLs.
 
-    :param url: URL or any other text.
-    :returns: the printable text, with ``***`` for the password before the host and for the values
-        of query fields such as ``?password=``.
+    :param text: URL, a sentence with URLs, or any other text.
+    :returns: the text, with ``***`` for all that stands between the first ``://`` and the last
+        ``@``, because a password may have any character, and for the values of names that end in
+        one of ``SECRET_NAMES`` in paths and queries.
     """
-    return printable(_SECRET.sub(rf'\1{HIDDEN}', _PASSWORD.sub(rf'\1:{HIDDEN}@', url)), MAX_PATH)
+    begin = _BEGIN.search(text)
+    at = max((found.start() for found in _AT.finditer(text)), default=0)
+    if begin and begin.end() < at:
+        # The last @ may be in a value after the host, which is hidden to its own end.
+        ends = [value.end() for value in _VALUE.finditer(text, begin.end())
+                if value.start() <= at < value.end()]
+        text = text[:begin.end()] + HIDDEN + text[max(ends, default=at):]
+    fields = _FIELDS.search(text)
+    begin_of_fields = fields.start() if fields else len(text)
+    return text[:begin_of_fields] + _VALUE.sub(rf'\1{HIDDEN}', text[begin_of_fields:])
+
+
+def without_password(text: str, longest: int = MAX_PATH) -> str:
+    """
+    Return a text for messages, without the passwords of its URLs.
+
+    :param text: as for ``hide_passwords``.
+    :param longest: largest number of characters of the result, as for ``printable``.
+    :returns: the printable text.
+    """
+    return printable(hide_passwords(text), longest)

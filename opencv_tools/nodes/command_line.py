@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import printable, without_password
 from opencv_tools.nodes.parameters import Parameter
 from opencv_tools.regular_files import read_regular
 from opencv_tools.topics.errors import ParameterError
@@ -52,8 +52,9 @@ def check_ros_arguments(
     names = {parameter.name for parameter in table}
     for rule, left, _ in _remapping_rules(options):
         if left in names:
-            raise ParameterError(f'{rule} is a remapping rule, but {left} is a parameter: '
-                                 f'write --ros-args -p {rule}')
+            shown = without_password(rule)
+            raise ParameterError(f'{shown} is a remapping rule, but {left} is a parameter: '
+                                 f'write --ros-args -p {shown}')
     nodes = _node_names(options, node)
     mistakes = (_check_file(Path(value), executable, nodes)
                 for option, value in options if option == '--params-file')

@@ -21,7 +21,7 @@ from contextlib import suppress
 import difflib
 from typing import Any, TypeVar
 
-from opencv_tools.image.text import HIDDEN, printable
+from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.nodes.parameters import Parameter, parameter_table
 from opencv_tools.topics.errors import ParameterError
@@ -79,8 +79,8 @@ def declare_parameter(node: Node, parameter: Parameter) -> Any:
     if node.has_parameter(parameter.name):
         value = parameter.accept(node.get_parameter(parameter.name).value)
         node.undeclare_parameter(parameter.name)
-    shown = HIDDEN if parameter.secret and value not in ('', parameter.default) else value
-    node.declare_parameter(parameter.name, shown, parameter.descriptor(), ignore_override=True)
+    node.declare_parameter(
+        parameter.name, parameter.shown(value), parameter.descriptor(), ignore_override=True)
     return value
 
 

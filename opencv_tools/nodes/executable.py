@@ -21,11 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import re
 
+from opencv_tools.image.text import without_password
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start
 from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
-from opencv_tools.version import add_version_option
+from opencv_tools.version import CommandParser
 from rclpy.utilities import remove_ros_args
 
 
@@ -74,18 +75,17 @@ class Executable:
         return read_start(self.settings, args, self.node)
 
     def _parse(self, args: list[str], table: Sequence[Parameter]) -> None:
-        parser = argparse.ArgumentParser(
+        parser = CommandParser(
             prog=self.name, description=self.description,
             formatter_class=argparse.RawTextHelpFormatter,
             usage=f'{self.name} [--ros-args -p NAME:=VALUE ...]',
             epilog=f'example:\n  {self.name} --ros-args {self.example}\n\n'
                    f'{describe_parameters(table)}\n\n'
                    f'{ENVIRONMENT_HELP}')
-        add_version_option(parser)
         _, unknown = parser.parse_known_args(args[1:])
         if unknown:
-            parser.error(
-                f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, table)}')
+            words = without_password(' '.join(unknown)).split(' ')
+            parser.error(f'unrecognized arguments: {" ".join(words)}{_remedy(words, table)}')
 
 
 def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:

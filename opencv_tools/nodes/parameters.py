@@ -23,7 +23,7 @@ import math
 from textwrap import TextWrapper
 from typing import Any
 
-from opencv_tools.image.text import without_password
+from opencv_tools.image.text import HIDDEN, hide_passwords, without_password
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
@@ -63,6 +63,12 @@ class Parameter:
     secret: bool = False
     words: bool = False
     ends: bool = False
+
+    def shown(self, value: Any) -> Any:
+        """Return what other nodes can read of a value."""
+        if self.secret and value not in ('', self.default):
+            return HIDDEN
+        return hide_passwords(value) if isinstance(value, str) else value
 
     def descriptor(self) -> ParameterDescriptor:
         """Return the descriptor for ``ros2 param describe``."""

@@ -28,7 +28,7 @@ from typing import NoReturn
 
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import open_standard_streams
-from opencv_tools.version import add_version_option
+from opencv_tools.version import CommandParser
 
 _LOSSY = 'lossy conversion with --strict'
 _MAX_DIFFERENCES = 50
@@ -131,12 +131,10 @@ def robot_view(argv: Sequence[str] | None = None) -> int:
 
 def _parser(name: str, text: str, example: str, failure: str = '') -> argparse.ArgumentParser:
     statuses = ['0  success', *([f'1  {failure}'] if failure else []), '2  error']
-    parser = argparse.ArgumentParser(
+    return CommandParser(
         prog=name, description=text, allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog='\n  '.join(['example:', f'{name} {example}\n\nexit status:', *statuses]))
-    add_version_option(parser)
-    return parser
 
 
 def _add_input(parser: argparse.ArgumentParser, name: str, formats: str) -> None:

@@ -57,6 +57,10 @@ PUBLISHER = {
     'a stream that is not there': (
         FAILED, {'source': 'rtsp://127.0.0.1:9/x', 'reconnect': 'never'},
         'rtsp://127.0.0.1:9/x is not reachable: 127.0.0.1 port 9: Connection refused'),
+    'a password with #': (
+        BAD_USAGE, {'source': 'rtsp://admin:PASS#12@127.0.0.1:9/x'},
+        "parameter source is 'rtsp://***@127.0.0.1:9/x': the host and the port of this URL cannot "
+        "be read: write '#' as %23 in the user name and the password"),
     'an empty list': (BAD_USAGE, {'topics': '[]'}, 'parameter topics is an empty list, which has '
                       'no type in ROS: leave it out'),
     'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': give a camera"),

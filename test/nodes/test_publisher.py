@@ -26,7 +26,7 @@ from images import draw_pattern
 import numpy as np
 from opencv_tools.nodes.publisher.calibration_file import read_camera_info
 import pytest
-from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.msg import ParameterEvent, ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
@@ -223,6 +223,29 @@ def test_diagnostics_without_a_camera(start: Start, node: Node) -> None:
     (status,) = messages[-1].status
     assert status.level == b'\2'
     assert status.message.startswith('camera /dev/video987 does not exist')
+
+
+def test_password_of_a_source_is_nowhere(
+        start: Start, node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path / 'log'))
+    messages = receive(node, DiagnosticArray, '/diagnostics')
+    events = receive(node, ParameterEvent, '/parameter_events')
+    shown = 'http://***@127.0.0.1:9/x?key=***'
+    publisher = start('img_publisher', source='http://me:CANARY@1@127.0.0.1:9/x?key=CANARY2')
+    spin_until(node, lambda: bool(messages))
+    answer = call_service(node, GetParameters, '/image_publisher/get_parameters',
+                          GetParameters.Request(names=['source']))
+    assert answer.values[0].string_value == shown
+    (status,) = messages[-1].status
+    assert status.message.startswith(f'{shown} is not reachable: 127.0.0.1 port 9: ')
+    assert {value.key: value.value for value in status.values}['source'] == shown
+    assert status.hardware_id == shown
+    publisher.interrupt()
+    assert publisher.finish() == 0
+    assert f'{shown} is not reachable' in publisher.output
+    written = [path.read_text(errors='replace') for path in tmp_path.rglob('*') if path.is_file()]
+    assert not [text for text in (publisher.output, str(messages), str(events), *written)
+                if 'CANARY' in text]
 
 
 def test_paused_capture(start: Start, node: Node) -> None:

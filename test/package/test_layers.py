@@ -50,7 +50,7 @@ ALLOWED = {
         'opencv_tools.calibration', 'opencv_tools.image', 'opencv_tools.regular_files', 'cv2',
         'yaml'},
     'opencv_tools.calibration.cli': {
-        'opencv_tools.calibration.command', 'opencv_tools.signals',
+        'opencv_tools.calibration.command', 'opencv_tools.image.text', 'opencv_tools.signals',
         'opencv_tools.standard_streams'},
     'opencv_tools.calibration.command': {
         'opencv_tools.calibration', 'opencv_tools.capture.errors', 'opencv_tools.logs',
@@ -61,7 +61,7 @@ ALLOWED = {
         'opencv_tools.calibration', 'opencv_tools.logs', 'opencv_tools.progress'},
     'opencv_tools.regular_files': set(),
     'opencv_tools.units': set(),
-    'opencv_tools.version': set(),
+    'opencv_tools.version': {'opencv_tools.image.text'},
     'opencv_tools.remedies': set(),
     'opencv_tools.capture': {'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.image',
                              'opencv_tools.image_codecs', 'opencv_tools.rectification',
@@ -77,7 +77,8 @@ ALLOWED = {
                               'opencv_tools.message_types', 'opencv_tools.recording.errors',
                               'opencv_tools.recording.video', 'opencv_tools.regular_files',
                               'opencv_tools.signals', 'av', 'cv2', 'pyarrow'},
-    'opencv_tools.datasets.cli': {'opencv_tools.datasets', 'opencv_tools.standard_streams'},
+    'opencv_tools.datasets.cli': {
+        'opencv_tools.datasets', 'opencv_tools.image.text', 'opencv_tools.standard_streams'},
     'opencv_tools.datasets.on_ray': {'opencv_tools.datasets', 'opencv_tools.image.text', 'ray'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2', 'simplejpeg'},
     'opencv_tools.frames': {

@@ -123,6 +123,8 @@ def test_video_and_bag_of_still_boards(folders: tuple[Path, Path], tmp_path: Pat
     (('--board', TEXT, '-o', 'a'), 'the source is missing'),
     (('0', '--board', TEXT), "source '0' has no end: give image files"),
     (('pattern', '--board', TEXT), "source 'pattern' has no end"),
+    (('rtsp://me:a#b@h/x', '--board', TEXT), "write '#' as %23 in the user name"),
+    (('rtsp://me:secret@h/x', '--topic', '/a', '--board', TEXT), "but 'rtsp://***@h/x' is none"),
     (('x', '--board', TEXT, '-o', 'a', '--check', 'b'), '--check writes nothing'),
     (('x', '--board', TEXT, '--right', 'y', '-o', 'a'), 'give -o and --right-output'),
     (('x', '--board', TEXT, '--right-output', 'a'), '--right-output needs --right'),

@@ -24,7 +24,7 @@ from threading import Thread
 from conftest import CLIP, decode_clip
 import numpy as np
 from opencv_tools.capture.errors import CaptureError, UnavailableError
-from opencv_tools.capture.source import open_source
+from opencv_tools.capture.source import check_source, open_source
 from opencv_tools.capture.video import describe_failure
 from playback import frames_of
 import pytest
@@ -70,11 +70,12 @@ def server() -> Iterator[str]:
 def test_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     port = bound.getsockname()[1]
     url = f'{scheme}://user@127.0.0.1:{port}/x'
-    expected = f'{url} is not reachable: 127.0.0.1 port {port}: Connection refused'
+    shown = f'{scheme}://***@127.0.0.1:{port}/x'
+    expected = f'{shown} is not reachable: 127.0.0.1 port {port}: Connection refused'
     assert describe_failure(url) == expected
     bound.listen()
     assert describe_failure(url) == (
-        f'{url} cannot be opened as a video: 127.0.0.1 port {port} is reachable, '
+        f'{shown} cannot be opened as a video: 127.0.0.1 port {port} is reachable, '
         'but sends no readable video')
 
 
@@ -108,6 +109,38 @@ def test_urls_without_a_tcp_server_are_not_contacted(
     'rtsp://127.0.0.1:99999/x', 'rtsp://[::1/x', f'http://{"a" * 70}.example/x'])
 def test_invalid_url_is_reported_as_such(url: str) -> None:
     assert describe_failure(url).startswith(f'{url} is not a URL: ')
+
+
+@pytest.mark.parametrize(('user', 'remedy'), [
+    ('me:SECRET#12', "write '#' as %23 in the user name and the password"),
+    ('me:SECRET/1?2#3', "write '#' as %23, '/' as %2F, '?' as %3F in the user name and the "
+                        'password'),
+    ('me:[SECRET', "write '[' as %5B in the user name and the password"),
+    ('me:SECRET /%23%', "write ' ' as %20, '%' as %25, '/' as %2F in the user name and the "
+                        'password')])
+def test_remedy_of_a_password_that_makes_no_url(user: str, remedy: str) -> None:
+    url = f'rtsp://{user}@127.0.0.1:554/x'
+    text = f'the host and the port of this URL cannot be read: {remedy}'
+    with pytest.raises(ValueError, match='this URL cannot be read') as raised:
+        check_source(url)
+    assert str(raised.value) == text
+    assert raised.value.__context__ is None  # it quotes a part of the password
+    assert describe_failure(url) == f'rtsp://***@127.0.0.1:554/x is not a URL: {text}'
+
+
+@pytest.mark.parametrize('user', ['me:1234/SECRET', 'me:?SECRET', 'SECRET#1', 'SECRET/1:2'])
+def test_part_of_a_password_is_not_taken_for_the_host(
+        user: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, 'create_connection', lambda *_: pytest.fail('called'))
+    assert describe_failure(f'rtsp://{user}@127.0.0.1/x') == (
+        'rtsp://***@127.0.0.1/x cannot be opened as a video: it is unreachable or sends no video; '
+        'write / ? # of a user name or password as %2F %3F %23')
+
+
+@pytest.mark.parametrize('user', [
+    'me:SE@CRET', 'me:SE:CRET', 'me:SE%CRET', 'me:SE&CRET=', 'me:SE CRET', 'me:SÉCRET'])
+def test_password_that_makes_a_url(user: str) -> None:
+    check_source(f'rtsp://{user}@127.0.0.1:554/x')
 
 
 def test_closed_port_is_a_temporary_failure(bound: socket.socket) -> None:

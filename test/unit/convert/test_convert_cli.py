@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 import os
 from pathlib import Path
 import re
@@ -68,6 +69,30 @@ def test_clip_becomes_a_bag_and_the_bag_becomes_images(
     for path, expected in zip(paths, decode_clip(30), strict=True):
         np.testing.assert_array_equal(cv2.imread(str(path)), expected)
     assert len(read_manifest(tmp_path / 'out')) == 30
+
+
+@pytest.mark.parametrize('user', ['me:CANARY', 'me:CANARY#1', 'CAN@CANARY/1', 'me:[CANARY'])
+@pytest.mark.parametrize('words', [
+    ('out/{seq}.png',), ('out/{seq}.png', '--topic', '/a'), ('out/{seq}.png', 'http://CANARY@h'),
+    ('out', '--format', 'lerobot', '--fps', '30', '--state', '/a.b')])
+def test_password_of_a_source_is_not_printed(
+        user: str, words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    with suppress(SystemExit):  # of argparse
+        assert convert(f'http://{user}@127.0.0.1:9/x?token=CANARY', *words) in (1, 2)
+    shown = capfd.readouterr()
+    assert 'error' in shown.err
+    assert 'CANARY' not in shown.out + shown.err
+    assert not [path for path in tmp_path.rglob('*') if path.is_file()]
+
+
+def test_source_that_is_no_url_is_an_invalid_argument(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert convert('rtsp://me:SECRET?12@127.0.0.1/x', tmp_path / '{seq}.png') == 2
+    assert capsys.readouterr().err == (
+        'img_convert: error: the host and the port of this URL cannot be read: '
+        "write '?' as %3F in the user name and the password\n")
 
 
 def heads(path: Path) -> list[tuple[int, int, int]]:

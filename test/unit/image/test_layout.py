@@ -52,7 +52,7 @@ def test_step_of_any_length(name: str, padding: int, is_bigendian: bool) -> None
     wire = padded_image(image, name, padding, is_bigendian)
     view = view_pixels(wire.data, *SIZE, wire.step, find_encoding(name), is_bigendian)
     np.testing.assert_array_equal(view, image)
-    is_copy = padding > 0 and name == 'nv24' or bool(wire.step % image.dtype.itemsize)
+    is_copy = (padding > 0 and name == 'nv24') or bool(wire.step % image.dtype.itemsize)
     assert np.shares_memory(view, np.frombuffer(wire.data, np.uint8)) != is_copy
     assert cv2.flip(view, 0).shape[:2] == view.shape[:2] or is_bigendian  # OpenCV 4 needs aligned
     read = CvBridge().imgmsg_to_cv2(wire)
