@@ -81,7 +81,7 @@ class RecordingSession:
         if isinstance(frame, PacketFrame) and not (selection.has_begun or frame.packet.is_key):
             self.left_out += 1
             return
-        if self._is_late():
+        if self._has_ended or self._is_late():
             self.skipped += 1
             return
         requests = self.requests.pop_all() if self.requests else []
@@ -89,10 +89,17 @@ class RecordingSession:
             self.skipped += 1
             return
         on_done = partial(self.requests.complete, requests) if self.requests else None
-        if self.recorder.put(frame, on_done):
-            selection.count()
+        self.recorder.put(frame, on_done)
+        selection.count()
         if selection.is_over:
             self._end()
+
+    def count_missed(self, lost: int, unreadable: int) -> None:
+        """Count frames that can no longer come; parameters as for ``Selection``."""
+        if not self.requests:
+            self._selection.count_missed(lost, unreadable)
+            if self._selection.is_over:
+                self._end()
 
     def record_messages(self, batch: MessageBatch, on_done: OnDone) -> None:
         """Record messages of other topics, until the maximum duration; thread-safe."""
