@@ -66,7 +66,7 @@ PUBLISHER = {
     'negative rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': -1.0},
                       'parameter publish_rate is -1.0: give 0, or a number from 0.1 to 1000'),
     'no rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': 'fast'},
-                "parameter publish_rate is 'fast': give a number"),
+                "parameter publish_rate is 'fast': give 0, or a number"),
     'half a frame': (BAD_USAGE, {'source': 'pattern', 'max_frames': 1.5},
                      'parameter max_frames is 1.5: give a whole number'),
     'unknown end': (BAD_USAGE, {'source': 'pattern', 'on_end': 'explode'},
