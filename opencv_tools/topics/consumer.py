@@ -47,7 +47,8 @@ class Consumer:
         self._on_broken = on_broken
         self._error: BaseException | None = None  # raised by a callback in its thread
         self._has_yielded = False
-        self._calling = RLock()  # held during each call; a callback may wait for itself
+        #: Held during each call. A callback may take it again.
+        self.calling = RLock()
         self._thread: Thread | None = None
 
     @property
@@ -81,18 +82,13 @@ class Consumer:
         self._thread = Thread(target=run, name=name, daemon=True)
         self._thread.start()
 
-    def pass_on_next(self) -> None:
-        """Pass on the oldest frame, if there is one for the executor now."""
-        if self._thread:
-            return
-        with self._calling:
-            frame = None if self._yields_to_timers() else self._queue.pop()
-            if frame:
-                self.pass_on(frame)
+    def next_in_executor(self) -> QueuedFrame | None:
+        """Return the oldest frame; None if it has to wait."""
+        return None if self._yields_to_timers() else self._queue.pop()
 
     def pass_on(self, frame: QueuedFrame) -> None:
         """Call the callback of a frame."""
-        with self._calling:
+        with self.calling:
             if isinstance(frame, CdrError):
                 self._on_broken(frame)
             else:
@@ -106,7 +102,7 @@ class Consumer:
 
     def join(self) -> None:
         """Wait for the end of a running call, and of the thread."""
-        with self._calling:
+        with self.calling:
             pass
         if self._thread:
             self._thread.join()

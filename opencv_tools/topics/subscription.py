@@ -229,7 +229,11 @@ class FrameSubscription:
             is_full = not self._consumer.has_thread and self._queue.is_full
             if self._sources.receive(ready, is_full, have_publishers_changed):
                 self._no_frames_warning.reset()
-        self._consumer.pass_on_next()
+        if not self._consumer.has_thread:
+            with self._consumer.calling:
+                frame = self._consumer.next_in_executor()
+                if frame:
+                    self._consumer.pass_on(frame)
 
     def _poll_graph(self) -> None:
         """Adapt to the publishers, and warn if no frames arrive."""
