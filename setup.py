@@ -20,7 +20,7 @@ package_name = 'opencv_tools'
 
 setup(
     name=package_name,
-    version='0.2.0',
+    version='0.3.0',
     packages=find_packages(exclude=['test']),
     package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'robot/view/page/*',
                                  'viewer/page/*']},

@@ -46,10 +46,7 @@ nitpick_ignore_regex = [
     ('py:.*', 'CameraRequest|CycleError|Matrix|Source|Vector'), ('py:.*', r'.*\.(ElementT|P)')]
 
 #: Files of the root folder that are pages here.
-PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst',
-         'README.md': 'install.md'}
-#: Sections of README.md that are the page ``install``.
-INSTALL = ('Two commands', 'Install')
+PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst'}
 
 
 def moved_links(text: str) -> str:
@@ -58,15 +55,9 @@ def moved_links(text: str) -> str:
 
 
 def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Replace the pages ``contributing`` and ``install`` by texts of the root folder."""
+    """Replace the page ``contributing`` by the text of the root folder."""
     if docname == 'contributing' and (ROOT / 'CONTRIBUTING.md').is_file():
         source[0] = moved_links((ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8'))
-    elif docname == 'install' and (ROOT / 'README.md').is_file():
-        sections = re.split(r'^## ', (ROOT / 'README.md').read_text(encoding='utf-8'),
-                            flags=re.MULTILINE)
-        source[0] = '# Install\n\n' + moved_links(''.join(
-            f'## {section}' for section in sections
-            if section.partition('\n')[0] in INSTALL))
     for file, page in PAGES.items():
         source[0] = source[0].replace(f'](../{file}', f']({page}')
 

@@ -213,6 +213,20 @@ def test_names_in_text(page: Path) -> None:
         check_span(span)
 
 
+def test_readme_is_a_front_door() -> None:
+    text = (ROOT / 'README.md').read_text()
+    assert text.count('\n') <= 150
+    order = ('viewer.jpg', '$ make demo', 'img_viewer\n', 'img_subscriber --ros-args',
+             'ros2 run opencv_tools img_publisher', 'ros2 run opencv_tools img_subscriber',
+             '`make test`', '0.22 ms')
+    places = [text.index(part) for part in order]
+    assert places == sorted(places)
+    numbers = re.findall(r'\[(\d+)\]\((.*?)\)', text)
+    assert len(numbers) > 10
+    assert [link for number, link in numbers if not re.fullmatch(
+        rf'https://github\.com/[\w.-]+/[\w.-]+/(issues|pull)/{number}', link)] == []
+
+
 def test_pages_are_in_the_contents() -> None:
     named = {str(block.page.parent / name) for block in BLOCKS if block.language == '{toctree}'
              for name in re.findall(r'^[a-z][\w/]*$', block.code, re.MULTILINE)}

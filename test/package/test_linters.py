@@ -149,6 +149,15 @@ def test_package_xml_for_colcon_and_rosdep() -> None:
 
 
 @pytest.mark.linter
+def test_version_is_that_of_the_newest_release() -> None:
+    package = parse_package(ROOT / 'package.xml')
+    releases = re.findall(r'^(\d+\.\d+\.\d+) \(\d{4}-\d\d-\d\d\)$',
+                          (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+    assert releases[0] == package.version
+    assert f"version='{package.version}'" in (ROOT / 'setup.py').read_text()
+
+
+@pytest.mark.linter
 def test_rosdep_keys_exist() -> None:
     package = parse_package(ROOT / 'package.xml')
     kinds = ('buildtool', 'build', 'build_export', 'buildtool_export', 'exec', 'test', 'doc')

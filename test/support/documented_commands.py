@@ -99,6 +99,7 @@ def _simple_commands(line: str) -> Iterator[list[str]]:
             words = words[1:]
         if words[:3] == ['ros2', 'run', 'opencv_tools']:
             words = words[3:]
+            assert words[0] in (*PARAMETERS, *COMMANDS), f'no executable has the name {words[0]}'
         if words:
             yield [words[0].removeprefix('.venv/bin/'), *words[1:]]
         words = []
