@@ -31,29 +31,27 @@ def view_pixels(
     encoding: Encoding, is_bigendian: bool = False,
 ) -> NDArray[Any]:
     """
-    Return the pixels of an image message as an array, without a copy.
+    Return the pixels of an image message as an array, in general without a copy.
 
     :param data: buffer of bytes, which the view keeps alive; a list of numbers is copied.
     :param height: height in pixels.
     :param width: width in pixels.
-    :param step: bytes from the start of one row to the start of the next; the padding at the end
-        of a row is skipped.
+    :param step: bytes from the start of one row to the start of the next, any number that holds a
+        row; the padding at the end of a row is skipped.
     :param encoding: encoding of the pixels.
     :param is_bigendian: whether numbers of several bytes are big-endian.
     :returns: a view: (h, w) for one channel, (h, w, c) otherwise, and (encoding.rows(h), w) for
-        encodings with separate chroma rows; a copy for ``nv24`` with padding.
-    :raises LayoutError: the step is smaller than a row or not a multiple of the pixel size; the
-        data are too short; or the size is odd although the chroma is subsampled 2x2.
+        encodings with separate chroma rows; a copy for ``nv24`` with padding and for a step that is
+        not a multiple of the bytes of a number, because OpenCV refuses such a view.
+    :raises LayoutError: the step is smaller than a row, the data are too short, or the size is odd
+        although the chroma is subsampled 2x2.
     """
     def error(reason: str) -> LayoutError:
         return LayoutError(f'{width}x{height} {encoding.name} image with step {step}{reason}')
 
-    pixel = encoding.pixel_bytes
-    row = width * pixel
+    row = width * encoding.pixel_bytes
     if step < row:
         raise error(f': a row needs {row} bytes, more than the step')
-    if step % pixel:
-        raise error(f': the step is not a whole number of pixels of {pixel} bytes')
     if not encoding.is_valid_size(height, width):
         raise error(': width and height must be even, because the chroma is subsampled 2x2')
     rows = encoding.rows(height)
@@ -69,7 +67,10 @@ def view_pixels(
         # A chroma line of nv24 has twice the length, and all its padding is at its end.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
         lines = np.concatenate([lines[:height, :row], chroma])
-    return lines[:, :row].view(dtype).reshape(shape)
+    lines = lines[:, :row]
+    if step % dtype.itemsize:
+        lines = np.ascontiguousarray(lines)
+    return lines.view(dtype).reshape(shape)
 
 
 def view_image(data: Any, height: int, width: int, encoding: Encoding) -> NDArray[Any]:
