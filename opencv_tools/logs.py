@@ -24,7 +24,7 @@ from threading import Lock, Timer
 import time
 from typing import Protocol
 
-from opencv_tools.image.text import printable
+from opencv_tools.image.text import printable, without_secrets
 
 _MAX_LINE = 10_000  # characters; a sentence may name two of the longest paths of Linux
 _MAX_KEYS = 256
@@ -105,7 +105,7 @@ class ConsoleWriter:
 
 class Log:
     """
-    Write printable lines; thread-safe.
+    Write printable lines without the passwords of URLs; thread-safe.
 
     With ``once``, only the first line of this key is written, until ``forget``. With ``every``,
     one line of ``key`` is written in this number of seconds; the default key is the line itself.
@@ -153,7 +153,7 @@ class Log:
 
     def _line(self, text: str, once: str, every: float, key: str) -> str:
         """Return the printable line, '' if it is left out."""
-        line = printable(text, _MAX_LINE)
+        line = printable(without_secrets(text), _MAX_LINE)
         if once:
             return line if self._throttle.passes(once) else ''
         return line if not every or self._throttle.passes(key or line, every) else ''

@@ -36,7 +36,7 @@ from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.stream import OpenCvStream, StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
-from opencv_tools.capture.video import frame_count, open_video, VideoSource
+from opencv_tools.capture.video import check_url, frame_count, open_video, VideoSource
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.regular_files import describe_kind, natural_order, user_path
 
@@ -49,12 +49,14 @@ def check_source(text: str) -> None:
     Check that a text can name a source.
 
     :param text: as for :func:`open_source`.
-    :raises ValueError: the text is empty or an invalid pattern.
+    :raises ValueError: the text is empty, an invalid pattern or an invalid URL.
     """
     if not text:
         raise ValueError('give a camera, a file, a folder, a bag, a URL or pattern')
     if is_pattern(text):
         parse_pattern(text)
+    elif _is_url(text):
+        check_url(text)
 
 
 def is_pattern(text: str) -> bool:

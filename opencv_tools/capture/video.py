@@ -36,6 +36,7 @@ _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rt
 
 # Timeout of the connection to each address of the server.
 _ANSWER_SECONDS = 2.0
+_ENCODED = 'in the user and the password write # / ? : [ ] % as %23 %2F %3F %3A %5B %5D %25'
 
 
 class VideoSource:
@@ -132,6 +133,19 @@ def describe_video(capture: cv2.VideoCapture) -> str:
     return f'{width}x{height} at {video_rate(capture):g} Hz'
 
 
+def check_url(url: str) -> None:
+    """
+    Check that an address is a URL.
+
+    :raises ValueError: it is not. The text is the remedy, without any part of the address.
+    """
+    try:
+        _ = urlsplit(url).port
+    except ValueError:
+        raise ValueError(_ENCODED if '@' in url else
+                         'give scheme://host:port/path with a number as port') from None
+
+
 def describe_failure(url: str) -> str:
     """
     Return the reason why a stream could not be opened.
@@ -144,13 +158,16 @@ def describe_failure(url: str) -> str:
     """
     shown = without_password(url)
     try:
+        check_url(url)
         parts = urlsplit(url)
         host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
+        if '@' in url and '@' not in parts.netloc:  # the host may be the begin of a password
+            return f'{shown} cannot be opened as a video: {_ENCODED}'
         if parts.scheme not in _PORTS or not host or not port:
             return f'{shown} cannot be opened as a video: it is unreachable or sends no video'
         socket.create_connection((host, port), _ANSWER_SECONDS).close()
     except ValueError as err:
-        return f'{shown} is not a URL: {printable(err)}'
+        return f'{shown} is not a URL: {err}'
     except TimeoutError:
         reason = f'no answer in {_ANSWER_SECONDS:g} s'
     except OSError as err:

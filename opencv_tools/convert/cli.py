@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import sys
 
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
+from opencv_tools.image.text import without_secrets
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.version import add_version_option
@@ -50,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return convert(Request(**vars(options)))
     except ValueError as err:
-        print(f'img_convert: error: {err}', file=sys.stderr)
+        print(f'img_convert: error: {without_secrets(str(err))}', file=sys.stderr)
         return _USAGE_ERROR
     except KeyboardInterrupt:
         return _INTERRUPTED  # a second request; pending work was not finished

@@ -41,8 +41,8 @@ def view_pixels(
     :param encoding: encoding of the pixels.
     :param is_bigendian: whether numbers of several bytes are big-endian.
     :returns: a view: (h, w) for one channel, (h, w, c) otherwise, and (encoding.rows(h), w) for
-        encodings with separate chroma rows; a copy for ``nv24`` with padding and for a step that is
-        not a multiple of the bytes of a number, because OpenCV refuses such a view.
+        encodings with separate chroma rows; a copy for ``nv24`` with padding, and for a step that
+        is not a multiple of the bytes of a number, because OpenCV refuses such a view.
     :raises LayoutError: the step is smaller than a row, the data are too short, or the size is odd
         although the chroma is subsampled 2x2.
     """

@@ -23,8 +23,13 @@ _MAX_TEXT = 200
 #: Longest path of Linux in bytes (PATH_MAX).
 MAX_PATH = 4096
 _MORE = '...'
-_PASSWORD = re.compile(r'(://[^/?#@:\s]*):[^/?#\s]*@')
-_SECRET = re.compile(r'(?i)([?&](?:pass|passwd|password|pwd|secret|token|key|api_?key)=)[^&#\s]+')
+# A password may have any character, also an unencoded / or #, so all up to the last @ is secret.
+# Without an @, what stands where a number of a port belongs may be a part of a password.
+_USER = re.compile(
+    r'://(?:.*@|[^/?#\s\[:\'"]*:(?!\d+(?:[/?#\s\'":;,.)]|$))\S*)', re.DOTALL)
+_SECRET = re.compile(
+    r'(?i)((?<![a-z0-9])(?:pass(?:word|wd|phrase)?|pwd?|secret|token|auth|credentials?|'
+    r'sig(?:nature)?|(?:api|access|auth|private)?[-_]?key)=)[^&;\s]+')
 #: Text that stands for a secret.
 HIDDEN = '***'
 
@@ -58,12 +63,21 @@ def enumerated(texts: Sequence[str], most: int = 5, further: int = 0) -> str:
     return ', '.join(texts[:most]) + (f' and {others} more' if others else '')
 
 
-def without_password(url: str) -> str:
-    """
-    Return a URL without its passwords, for messages.
+def _hide(user: re.Match[str]) -> str:
+    return f'://{HIDDEN}{"@" * user[0].endswith("@")}'
 
-    :param url: URL or any other text.
-    :returns: the printable text, with ``***`` for the password before the host and for the values
-        of query fields such as ``?password=``.
+
+def without_secrets(text: str) -> str:
     """
-    return printable(_SECRET.sub(rf'\1{HIDDEN}', _PASSWORD.sub(rf'\1:{HIDDEN}@', url)), MAX_PATH)
+    Return a text without the secrets of a URL in it.
+
+    :param text: URL, or a text that has one.
+    :returns: the text, with ``***`` for all between ``://`` and the last ``@``, and for the values
+        of keys such as ``password=`` in a path or query.
+    """
+    return _SECRET.sub(rf'\1{HIDDEN}', _USER.sub(_hide, text))
+
+
+def without_password(url: str) -> str:
+    """Return a printable text without the secrets of a URL in it, for messages."""
+    return printable(without_secrets(url), MAX_PATH)

@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import re
 
+from opencv_tools.image.text import without_secrets
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start
@@ -84,8 +85,8 @@ class Executable:
         add_version_option(parser)
         _, unknown = parser.parse_known_args(args[1:])
         if unknown:
-            parser.error(
-                f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, table)}')
+            parser.error(without_secrets(
+                f'unrecognized arguments: {" ".join(unknown)}{_remedy(unknown, table)}'))
 
 
 def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:

@@ -22,6 +22,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from opencv_tools.image.text import without_secrets
 from opencv_tools.topics.timers import create_steady_timer
 from rclpy.node import Node
 
@@ -98,7 +99,7 @@ class Diagnostics:
             'reconnects': source_status.reconnects}
         status = DiagnosticStatus(
             level=level, name=f'{self._node.get_fully_qualified_name().lstrip("/")}: source',
-            message=message, hardware_id=source_status.source,
+            message=without_secrets(message), hardware_id=source_status.source,
             values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()

@@ -70,7 +70,8 @@ def server() -> Iterator[str]:
 def test_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     port = bound.getsockname()[1]
     url = f'{scheme}://user@127.0.0.1:{port}/x'
-    expected = f'{url} is not reachable: 127.0.0.1 port {port}: Connection refused'
+    expected = (f'{scheme}://***@127.0.0.1:{port}/x is not reachable: 127.0.0.1 port {port}: '
+                'Connection refused')
     assert describe_failure(url) == expected
     bound.listen()
     assert describe_failure(url) == (

@@ -22,7 +22,7 @@ from types import SimpleNamespace
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.image_files import ImageFileSource
-from opencv_tools.capture.source import open_source
+from opencv_tools.capture.source import check_source, open_source
 from opencv_tools.capture.video import describe_failure
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
@@ -63,15 +63,35 @@ def test_text_has_the_requested_length(longest: int) -> None:
 
 
 @pytest.mark.parametrize(('url', 'shown'), [
-    ('rtsp://me:secret@host:554/a', 'rtsp://me:***@host:554/a'),
-    ('rtsp://:s3@cret@host/a', 'rtsp://:***@host/a'),
-    ('rtsp://me@host/a', 'rtsp://me@host/a'),
-    ('http://host:8080/a@b', 'http://host:8080/a@b'),
+    ('rtsp://me:secret@host:554/a', 'rtsp://***@host:554/a'),
+    ('rtsp://:s3@cret@host/a', 'rtsp://***@host/a'),
+    ('rtsp://me@host/a', 'rtsp://***@host/a'),
+    ('no answer of rtsp://me:a\nb c/d?e#f@host/a: refused',
+     'no answer of rtsp://***@host/a: refused'),
+    ('http://host:8080/a', 'http://host:8080/a'), ('http://[::1]:80/a', 'http://[::1]:80/a'),
+    ('rtsp://me:cut', 'rtsp://***'), ('rtsp://me:cut off', 'rtsp://*** off'),
+    ("'http://host:80': no", "'http://host:80': no"),
     ('http://host/a?user=me&password=secret&x=1', 'http://host/a?user=me&password=***&x=1'),
-    ('http://host/a?PWD=secret', 'http://host/a?PWD=***'),
+    ('http://host/a?PWD=s#cret', 'http://host/a?PWD=***'),
+    ('rtsp://host/user=me_password=secret_channel=1', 'rtsp://host/user=me_password=***'),
+    ('http://host/a?api_key=1&monkey=2&auth=3', 'http://host/a?api_key=***&monkey=2&auth=***'),
     ('http://host/\x1b[2J', r'http://host/\x1b[2J'), ('/a:b@c', '/a:b@c'), ('0', '0')])
-def test_url_is_printed_without_its_password(url: str, shown: str) -> None:
+def test_url_is_printed_without_its_secrets(url: str, shown: str) -> None:
     assert without_password(url) == shown
+
+
+@pytest.mark.parametrize('letter', [*'#/?@%:[] \\&=;|"', "'", '\u00e9', '\u4e2d', '\t'])
+def test_password_with_any_character(letter: str) -> None:
+    for password in ('CANARY{}ROOM', '{}CANARY', 'CANARY{}', '12{}CANARY', '8{}CANARY@ROOM'):
+        url = f'rtsp://me:{password.format(letter)}@127.0.0.1:9/x'
+        texts = [without_password(url), without_password(repr(url)), describe_failure(url)]
+        try:
+            check_source(url)
+        except ValueError as err:
+            assert 'write # / ? : [ ] % as %23' in str(err)
+            texts.append(str(err))
+        for text in texts:
+            assert 'CANARY' not in text and 'ROOM' not in text and 'me:' not in text
 
 
 @pytest.mark.parametrize('find', [find_encoding, find_desired])
@@ -135,7 +155,7 @@ def test_source_is_printed_without_its_password() -> None:
     flip = next(parameter for parameter in PARAMETERS if parameter.name == 'flip')
     for message in (describe_failure('nonsense://me:secret@host'),
                     describe_failure('rtsp://me:secret@[host')):
-        assert 'me:***@' in message
+        assert '://***@' in message
         assert 'secret' not in message
     with pytest.raises(ParameterError) as raised:
         flip.accept('rtsp://me:secret@host' + 'a' * 10**6)
