@@ -25,7 +25,6 @@ from collections.abc import Sequence
 import sys
 from typing import TYPE_CHECKING
 
-from opencv_tools.image.text import without_secrets
 from opencv_tools.signals import end_at_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.version import add_version_option
@@ -57,7 +56,7 @@ def main(
             source=sources[0] if sources else '', source_count=len(sources), **vars(options)),
             search_topics)
     except ValueError as err:
-        print(f'img_calibrate: error: {without_secrets(str(err))}', file=sys.stderr)
+        print(f'img_calibrate: error: {err}', file=sys.stderr)
         return _USAGE_ERROR
     except KeyboardInterrupt:
         print('img_calibrate: error: interrupted', file=sys.stderr)

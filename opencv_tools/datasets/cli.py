@@ -27,7 +27,6 @@ import sys
 
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import FORMATS, LEROBOT
-from opencv_tools.image.text import without_secrets
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.version import add_version_option
 
@@ -74,7 +73,7 @@ def main(argv: Sequence[str]) -> int:
         import_pyarrow()
         return run(options)
     except DatasetError as err:
-        print(f'img_convert: error: {without_secrets(str(err))}', file=sys.stderr)
+        print(f'img_convert: error: {err}', file=sys.stderr)
         return _USAGE_ERROR
     except KeyboardInterrupt:
         print('img_convert: interrupted', file=sys.stderr)

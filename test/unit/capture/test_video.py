@@ -75,8 +75,8 @@ def test_closed_port_is_named(bound: socket.socket, scheme: str) -> None:
     assert describe_failure(url) == expected
     bound.listen()
     assert describe_failure(url) == (
-        f'{url} cannot be opened as a video: 127.0.0.1 port {port} is reachable, '
-        'but sends no readable video')
+        f'{scheme}://***@127.0.0.1:{port}/x cannot be opened as a video: 127.0.0.1 port {port} is '
+        'reachable, but sends no readable video')
 
 
 @pytest.mark.parametrize(('err', 'reason'), [
