@@ -33,12 +33,12 @@ class Detector(FrameNode):
     def __init__(self) -> None:
         """Subscribe and create the publisher."""
         super().__init__('detector')
+        self.count = 0
         self.detector = cv2.QRCodeDetector()
         self.detections = self.create_publisher(String, 'detections', 10)
         self.frames = self.receive_frames(
             'video_frames', self.on_frame, encoding='mono8', threaded=True)
         self.create_timer(1.0, self.on_timer)
-        self.count = 0
 
     def on_frame(self, frame: Frame) -> None:
         """Publish the text of the QR code in a frame, '' without one."""

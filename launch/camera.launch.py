@@ -38,7 +38,7 @@ PARAMETERS = {
         'source': (str, 'Camera number, file, folder, URL or pattern'),
         'width': (int, 'Width of the camera images in pixels'),
         'height': (int, 'Height of the camera images in pixels'),
-        'publish_rate': (float, 'Rate in Hz; 0.0 for the rate of the source'),
+        'publish_rate': (float, 'Rate in Hz, at least 0.1; 0.0 for the rate of the source'),
     },
     'image_subscriber': {'output_dir': (str, 'Folder of the recorded files')},
     'image_viewer': {},

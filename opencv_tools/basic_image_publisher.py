@@ -59,6 +59,7 @@ class ImagePublisher(ClosableNode):
         self.publisher_ = topics.images
         controls = CameraControls(self, PARAMETERS, lambda: self._loop.camera)
         self._loop = PublishLoop(self, settings, topics, controls)
+        self._thread = Thread(target=self._publish, name='publishing', daemon=True)
         watch_parameters(
             self, PARAMETERS, self._loop.apply_changes, lambda: controls.parameters,
             self._loop.check_changes)
@@ -68,7 +69,6 @@ class ImagePublisher(ClosableNode):
             controls.warn_unknown_parameters()
         if settings.wait_for_subscribers:
             self._log.info(f'Waiting for {settings.wait_for_subscribers} subscriber(s)')
-        self._thread = Thread(target=self._publish, name='publishing', daemon=True)
         self._thread.start()
 
     def close(self) -> int:

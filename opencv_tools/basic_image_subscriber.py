@@ -87,6 +87,7 @@ class ImageSubscriber(ClosableNode):
         self._log.info(
             f'Waiting for {self.subscription.topic_name}, writing to {self._session.folder}')
         use_priority(settings.priority)
+        self.subscription.start()
 
     def listener_callback(self, received: ReceivedMessage) -> None:
         """

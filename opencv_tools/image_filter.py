@@ -29,7 +29,7 @@ from opencv_tools.frames.node import FrameNode
 from opencv_tools.logs import Log
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.progress import Progress
@@ -58,9 +58,9 @@ class FilterSettings(NodeSettings):
         'auto', 'Type of the received images; auto prefers shm to raw, raw to '
         'compressed, and video from another machine',
         choices=tuple(TRANSPORTS))
-    max_rate: float = parameter(
+    max_rate: float = rate_parameter(
         0.0, 'Maximum rate of the filtered frames in Hz, by their stamps; 0 for no limit',
-        bounds=(0, MAX_RATE))
+        MAX_RATE)
     priority: int = priority_parameter()
     FRAME_BYTES = FULL_HD_BYTES
 

@@ -144,8 +144,8 @@ class Grabber:
 
         :param open_source: function that opens the source; raises ``UnavailableError`` while the
             source is unavailable.
-        :param playback: playback settings; the attribute may be replaced at any time.
-        :param reconnect: policy for outages; the attribute may be replaced at any time.
+        :param playback: playback settings; ``use`` replaces them.
+        :param reconnect: policy for outages; ``use`` replaces it.
         :param listener: receiver of the events of the source.
         :param demand: demand for frames; camera frames without a subscriber are not decoded.
         :param clock: clock that paces frames and measures outages.
@@ -161,6 +161,7 @@ class Grabber:
         self._demand = demand
         self._clock = clock
         self._stopped = Event()
+        self._changed = Event()  # the settings, or stopped
         self._paused = Event()
         self._reopened = Event()
         self._released = Event()
@@ -174,6 +175,12 @@ class Grabber:
     def stop(self) -> None:
         """Stop the iteration over ``frames``."""
         self._stopped.set()
+        self._changed.set()
+
+    def use(self, playback: PlaybackSettings, reconnect: ReconnectPolicy) -> None:
+        """Replace the settings; a wait for the next frame follows them at once."""
+        self.playback, self.reconnect = playback, reconnect
+        self._changed.set()
 
     def pause(self, seconds: float) -> bool:
         """
@@ -221,6 +228,7 @@ class Grabber:
                         lambda: self.paused or not self._demand.may_publish(),
                         self._listener.broken, self._clock)
                     player.on_long_wait = self._listener.waiting
+                    player.changed = self._changed
                     yield from player.frames()
                     return
                 yield from self._live_frames(source)
@@ -263,6 +271,9 @@ class Grabber:
                     raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
             self.outage.end(source)
+            if self._changed.is_set():
+                self._changed.clear()
+                pacer.change(_period(self.playback.rate, source))
             is_due = pacer.is_due(early)
             if (is_due or source.needs_every) and self._demand.may_publish():
                 frame: CapturedFrame | None = None
@@ -285,6 +296,4 @@ class Grabber:
 
 def _period(rate: float, source: LiveSource) -> float:
     """Return the seconds between published frames at a rate; 0.0 to publish every frame."""
-    if rate and source.rate:
-        rate = min(rate, source.rate)
-    return 1.0 / rate if rate else 0.0
+    return 1.0 / (min(rate, source.rate) if source.rate else rate) if rate else 0.0

@@ -80,7 +80,7 @@ class Pacer:
     def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
         """Create a pacer whose first frame is due now."""
         self._clock = clock
-        self._due = 0.0
+        self._due = self._last = 0.0  # due times of the next frame and of the last one
 
     def is_due(self, early: float = 0.0) -> bool:
         """
@@ -95,16 +95,16 @@ class Pacer:
         """Seconds until the next frame is due; negative if it is late."""
         return self._due - self._clock.monotonic()
 
-    def wait(self, stopped: Event) -> int:
+    def wait(self, ended: Event) -> int:
         """
-        Wait until the next frame is due or playback is stopped.
+        Wait until the next frame is due, or an event is set.
 
-        :param stopped: event that ends the wait.
+        :param ended: event that ends the wait.
         :returns: due time in nanoseconds of CLOCK_MONOTONIC.
         """
         self._due = self._due or self._clock.monotonic()
         if self.seconds_left > 0:
-            self._clock.wait(stopped, self.seconds_left)
+            self._clock.wait(ended, self.seconds_left)
         return int(self._due * 1e9)
 
     def advance(self, interval: float) -> None:
@@ -117,7 +117,16 @@ class Pacer:
         :param interval: seconds from this frame to the next.
         """
         now = self._clock.monotonic()
-        self._due = max((self._due or now) + interval, now - interval)
+        self._last = self._due or now
+        self._due = max(self._last + interval, now - interval)
+
+    def change(self, interval: float) -> None:
+        """
+        Set another interval after the last frame; the next one is due now if it has passed.
+
+        :param interval: seconds from the last frame to the next.
+        """
+        self._due = max(self._last + interval, self._clock.monotonic())
 
     def restart(self) -> None:
         """Make the next frame due now."""
@@ -144,6 +153,8 @@ class Player:
         """
         #: Called with the seconds of a wait of more than a minute, which the file requires.
         self.on_long_wait: Callable[[float], object] = lambda seconds: None
+        #: Ends a wait: set after ``stopped``, and after a change of the settings.
+        self.changed = stopped
         self._source = source
         self._playback = playback
         self._stopped = stopped
@@ -166,7 +177,12 @@ class Player:
                 pacer.restart()
             if pacer.seconds_left > LONG_WAIT_SECONDS and not self._playback().rate:
                 self.on_long_wait(pacer.seconds_left)
-            due_ns = pacer.wait(self._stopped)
+            due_ns = pacer.wait(self.changed)
+            while self.changed.is_set() and not self._stopped.is_set():
+                self.changed.clear()
+                if last is not None:
+                    pacer.change(self._interval(last, frame))
+                due_ns = pacer.wait(self._stopped if self._stopped.is_set() else self.changed)
             if self._stopped.is_set():
                 return
             yield replace(frame, stamp_ns=due_ns)

@@ -78,6 +78,7 @@ class FrameSubscriber:
             node, topic, self._log, self._receive, self._count_failed, SubscriptionOptions(
                 transport=transport, depth=depth if every else 1, threaded=threaded,
                 camera_info=camera_info))
+        self._subscription.start()
 
     @property
     def topic_name(self) -> str:

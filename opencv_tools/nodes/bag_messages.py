@@ -29,6 +29,7 @@ from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import ArrivalClock
 from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.transport.zero_copy import take_serialized
@@ -110,8 +111,8 @@ class BagMessages:
     def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
         self._topic, self._qos = topic, _qos(offers)
         receive: Any = self._receive  # the types of rclpy lack the second argument
-        self._subscription = self._node.create_subscription(
-            CameraInfo, topic, receive, self._qos, raw=True)
+        self._subscription = destroyable(self._node.create_subscription(
+            CameraInfo, topic, receive, self._qos, raw=True))
 
     def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
         self._pass_on(serialized, info['received_timestamp'], info['source_timestamp'])

@@ -29,6 +29,8 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 
 _TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
 _HELP_COLUMNS = 99
+#: Lowest rate in Hz, so that nothing waits for longer than 10 s.
+LOWEST_RATE = 0.1
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Parameter:
     :param description: noun phrase that stands alone in ``ros2 param describe``, with unit, range
         and the meaning of special values.
     :param bounds: smallest and largest valid number; None for no bounds.
+    :param or_zero: whether 0, which is below the bounds, is valid as well.
     :param step: distance between valid numbers, counted from the smallest.
     :param choices: valid values; empty if all values are valid.
     :param check: raises ValueError with the remedy for an invalid text.
@@ -56,6 +59,7 @@ class Parameter:
     description: str
     _: KW_ONLY
     bounds: tuple[float, float] | None = None
+    or_zero: bool = False
     step: int = 1
     choices: tuple[str | int, ...] = ()
     check: Callable[[Any], None] | None = None
@@ -68,9 +72,10 @@ class Parameter:
         """Return the descriptor for ``ros2 param describe``."""
         descriptor = ParameterDescriptor(
             name=self.name, description=self.description, read_only=not self.changeable,
-            additional_constraints=f'one of: {_listed(self.choices)}' if self.choices else '')
+            additional_constraints=f'one of: {_listed(self.choices)}' if self.choices
+            else self.values() if self.or_zero else '')
         if self.bounds and isinstance(self.default, float):
-            low, high = map(float, self.bounds)
+            low, high = map(float, (0 if self.or_zero else self.bounds[0], self.bounds[1]))
             descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
         elif self.bounds:
             low, high = map(int, self.bounds)
@@ -91,7 +96,8 @@ class Parameter:
         low, high = (quote(str(bound) if isinstance(bound, int) else f'{bound:.15g}')
                      for bound in self.bounds)
         steps = '' if self.step == 1 else f', in steps of {quote(str(self.step))}'
-        return f'{low} to {high}{steps}'
+        zero = f'{quote("0")} or ' if self.or_zero else ''
+        return f'{zero}{low} to {high}{steps}'
 
     def accept(self, value: Any) -> str | int | float:
         """
@@ -112,8 +118,9 @@ class Parameter:
         number = float if isinstance(self.default, float) else int
         is_number = isinstance(value, (int, number)) and not isinstance(value, bool)
         low, high = self.bounds or (-math.inf, math.inf)
-        if not is_number or not low <= value <= high:
-            noun = 'a number' if number is float else 'a whole number'
+        if not is_number or not (low <= value <= high or (self.or_zero and value == 0)):
+            noun = ('0, or ' if self.or_zero else '') + (
+                'a number' if number is float else 'a whole number')
             span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
             raise self._error(value, f'give {noun}{span} ({self.description})')
         return number(value)
@@ -152,6 +159,22 @@ def parameter(default: str | int | float, description: str, **options: Any) -> A
     """
     options |= {'default': default, 'description': description}
     return field(default=default, metadata=options)
+
+
+def rate_parameter(
+    default: float, description: str, highest: float, *, or_zero: bool = True, **options: Any,
+) -> Any:
+    """
+    Return the field of a settings class for a rate in Hz, at least ``LOWEST_RATE``.
+
+    :param default: default value.
+    :param description: description, see ``Parameter``.
+    :param highest: highest valid rate.
+    :param or_zero: whether the rate may be 0, with the meaning in the description.
+    :param options: further fields of ``Parameter``.
+    """
+    return parameter(
+        default, description, bounds=(LOWEST_RATE, highest), or_zero=or_zero, **options)
 
 
 def parameter_table(settings: type) -> tuple[Parameter, ...]:

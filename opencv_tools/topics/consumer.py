@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from threading import current_thread, Thread
+from threading import current_thread, RLock, Thread
 
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
@@ -47,6 +47,7 @@ class Consumer:
         self._on_broken = on_broken
         self._error: BaseException | None = None  # raised by a callback in its thread
         self._has_yielded = False
+        self._calling = RLock()  # held during each call; a callback may wait for itself
         self._thread: Thread | None = None
 
     @property
@@ -80,16 +81,22 @@ class Consumer:
         self._thread = Thread(target=run, name=name, daemon=True)
         self._thread.start()
 
-    def next_in_executor(self) -> QueuedFrame | None:
-        """Return the oldest frame; None if there is none for the executor now."""
-        return None if self._thread or self._yields_to_timers() else self._queue.pop()
+    def pass_on_next(self) -> None:
+        """Pass on the oldest frame, if there is one for the executor now."""
+        if self._thread:
+            return
+        with self._calling:
+            frame = None if self._yields_to_timers() else self._queue.pop()
+            if frame:
+                self.pass_on(frame)
 
     def pass_on(self, frame: QueuedFrame) -> None:
         """Call the callback of a frame."""
-        if isinstance(frame, CdrError):
-            self._on_broken(frame)
-        else:
-            self._on_frame(frame)
+        with self._calling:
+            if isinstance(frame, CdrError):
+                self._on_broken(frame)
+            else:
+                self._on_frame(frame)
 
     def raise_error(self) -> None:
         """Raise the exception that has ended the thread, once."""
@@ -98,7 +105,9 @@ class Consumer:
             raise error
 
     def join(self) -> None:
-        """Wait for the end of the thread."""
+        """Wait for the end of a running call, and of the thread."""
+        with self._calling:
+            pass
         if self._thread:
             self._thread.join()
 

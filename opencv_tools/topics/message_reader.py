@@ -83,8 +83,11 @@ class MessageReader:
         return int(self._subscription.get_publisher_count())
 
     def take_serialized(self) -> SerializedMessage | None:
-        """Take a message as bytes and its metadata, or return None."""
-        return take_serialized(self.handle)
+        """Take a message as bytes and its metadata; None without one, or after ``destroy``."""
+        try:
+            return take_serialized(self.handle)
+        except InvalidHandle:  # destroyed by another thread
+            return None
 
     def destroy(self) -> None:
         """Unsubscribe. An executor that waits for messages keeps the handles meanwhile."""
@@ -170,7 +173,7 @@ class WakeUps(Waitable):
         is_pending: Callable[[], bool],
     ) -> None:
         """
-        Wait for other threads only, until ``readers`` is set.
+        Create a waitable that the executor does not have before ``start``.
 
         :param node: node whose executor waits. The callback group is a new one, because several
             threads would otherwise starve the other callbacks of the node.
@@ -191,7 +194,10 @@ class WakeUps(Waitable):
         self._waited: list[MessageReader] = []
         self._ready: list[MessageReader] = []
         self._ready_events: list[Any] = []
-        node.add_waitable(self)
+
+    def start(self) -> None:
+        """Have the executor wait, for other threads only until ``readers`` is set."""
+        self._node.add_waitable(self)
 
     def wake(self) -> None:
         """Have ``on_wake`` called; thread-safe."""

@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.events import destroyable
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
@@ -91,8 +92,8 @@ def create_frame_publisher(
     qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
     options = QoSOverridingOptions.with_default_policies(callback=_check_depth)
     try:
-        return node.create_publisher(message_type, topic, qos, event_callbacks=events,
-                                     qos_overriding_options=options)
+        return destroyable(node.create_publisher(
+            message_type, topic, qos, event_callbacks=events, qos_overriding_options=options))
     except (InvalidQosOverridesError, RuntimeError) as err:
         raise ParameterError(f'{topic} cannot be published: {err}') from err
 

@@ -24,6 +24,7 @@ from typing import NamedTuple
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
 from opencv_tools.topics.consumer import Consumer
+from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.mixed_publishers import MixedPublishers
 from opencv_tools.topics.no_frames_warning import NoFramesWarning
@@ -34,6 +35,8 @@ from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
 
 # The executor has events only for publishers of the same type. The graph is polled for all others.
@@ -70,7 +73,7 @@ class FrameSubscription:
         on_broken: Callable[[CdrError], object], options: SubscriptionOptions,
     ) -> None:
         """
-        Subscribe.
+        Subscribe, without a call of a callback before ``start``.
 
         :param topic: name of the image topic before remapping.
         :param on_frame: called with each frame, one call at a time.
@@ -88,20 +91,43 @@ class FrameSubscription:
         self._mixed_publishers = MixedPublishers(
             log, lambda publishers: discovery.describe_publishers(
                 self._sources.image.topic, publishers))
-        self._destroyer: Thread | None = None  # that has called `destroy`
+        self._destroyer: Thread | None = None  # that has begun the end
         self._changing = Lock()  # one thread at a time changes the sources
         self._wake_ups = WakeUps(
             node, self._wake, lambda: not options.threaded and self._queue.has_frames)
         self._sources = FrameSources(discovery, self._queue, options, log, self._wake_ups)
-        folder = discovery.resolved.rpartition('/')[0]
-        self._info_subscription = node.create_subscription(
-            CameraInfo, f'{folder}/camera_info', self._add_info, qos_profile_sensor_data,
-        ) if options.camera_info else None
         self._polled_at = time.monotonic()
-        self._timer = create_steady_timer(
-            node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
-        if options.threaded:
-            self._consumer.start_thread(f'frames of {topic}', self._end_thread)
+        self._is_threaded = options.threaded
+        folder = discovery.resolved.rpartition('/')[0]
+        self._info_topic = f'{folder}/camera_info' if options.camera_info else ''
+        self._info_subscription: Subscription | None = None
+        self._timer: Timer | None = None
+
+    def start(self) -> None:
+        """
+        Call the callbacks from now on.
+
+        All that they use has to exist, because the executor may spin in another thread.
+        """
+        def add_info(info: CameraInfo) -> None:
+            self._queue.put_info(info)
+            self._wake_ups.wake()
+
+        def end_thread(has_failed: bool) -> None:
+            if has_failed:
+                self._wake_ups.wake()  # the executor raises the exception
+            elif self._destroyer is current_thread():
+                self._wake_ups.destroy()
+
+        with self._changing:
+            if self._info_topic:
+                self._info_subscription = destroyable(self._node.create_subscription(
+                    CameraInfo, self._info_topic, add_info, qos_profile_sensor_data))
+            self._timer = create_steady_timer(
+                self._node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
+            if self._is_threaded:
+                self._consumer.start_thread(f'frames of {self.topic_name}', end_thread)
+            self._wake_ups.start()
 
     @property
     def topic_name(self) -> str:
@@ -128,9 +154,9 @@ class FrameSubscription:
 
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
-        if self._info_subscription and self._queue.has_unpaired:
-            return (f'{self.topic_name} has images, but {self._info_subscription.topic_name} has '
-                    'no calibration with their stamps; publish it, or set camera_info=False')
+        if self._queue.has_unpaired:
+            return (f'{self.topic_name} has images, but {self._info_topic} has no calibration '
+                    'with their stamps; publish it, or set camera_info=False')
         if self._queue.waits_for_key_frame:
             return (f'{self.topic_name} has video, but no key frame with parameter sets, which '
                     'its packets need; it has to repeat them')
@@ -145,6 +171,7 @@ class FrameSubscription:
         :param may_continue: returns whether to pass on another message; may wait before.
         :returns: number of messages that were not passed on, due to ``may_continue`` or Ctrl-C.
         """
+        self._stop_receiving()
         unprocessed = 0
         is_interrupted = False
         for frame in self._sources.remaining_frames():
@@ -171,19 +198,26 @@ class FrameSubscription:
         not raised is raised here. The executor raises one that follows in the callback that
         called this.
         """
-        if self._destroyer is None:
-            self._destroyer = current_thread()
-            self._node.destroy_timer(self._timer)
-            self._wake_ups.readers = ()
-            with self._changing:
-                self._sources.destroy()
-            if self._info_subscription:
-                self._node.destroy_subscription(self._info_subscription)
-            self._queue.close()
+        self._stop_receiving()
+        with self._changing:
+            self._sources.destroy()
+        self._queue.close()
         if not self._consumer.is_current_thread:
             self._consumer.join()
             self._wake_ups.destroy()
             self._consumer.raise_error()
+
+    def _stop_receiving(self) -> None:
+        """Have the executor receive nothing more; may be called again."""
+        with self._changing:
+            if self._destroyer:
+                return
+            self._destroyer = current_thread()
+            self._wake_ups.readers = ()
+            if self._timer:
+                self._node.destroy_timer(self._timer)
+            if self._info_subscription:
+                self._node.destroy_subscription(self._info_subscription)
 
     def _wake(self, ready: Sequence[MessageReader], have_publishers_changed: bool) -> None:
         """Receive what has arrived, and pass on at most one frame, in the executor."""
@@ -195,20 +229,7 @@ class FrameSubscription:
             is_full = not self._consumer.has_thread and self._queue.is_full
             if self._sources.receive(ready, is_full, have_publishers_changed):
                 self._no_frames_warning.reset()
-        frame = self._consumer.next_in_executor()
-        if frame:
-            self._consumer.pass_on(frame)
-
-    def _end_thread(self, has_failed: bool) -> None:
-        """Have the executor raise the exception that has ended the thread, if there is one."""
-        if has_failed:
-            self._wake_ups.wake()
-        elif self._destroyer is current_thread():
-            self._wake_ups.destroy()
-
-    def _add_info(self, info: CameraInfo) -> None:
-        self._queue.put_info(info)
-        self._wake_ups.wake()
+        self._consumer.pass_on_next()
 
     def _poll_graph(self) -> None:
         """Adapt to the publishers, and warn if no frames arrive."""

@@ -36,8 +36,7 @@ class Delay:
         :param call: function to call.
         """
         self._call = call
-        self._timer = create_steady_timer(node, seconds, self._fire)
-        self._timer.cancel()
+        self._timer = create_steady_timer(node, seconds, self._fire, is_active=False)
 
     def request(self) -> None:
         """Request a call, unless one is pending."""
@@ -50,7 +49,8 @@ class Delay:
 
 
 def create_steady_timer(
-    node: Node, seconds: float, call: Callable[[], object], group: CallbackGroup | None = None,
+    node: Node, seconds: float, call: Callable[[], object], group: CallbackGroup | None = None, *,
+    is_active: bool = True,
 ) -> Timer:
     """
     Create a periodic timer on the monotonic clock.
@@ -59,6 +59,8 @@ def create_steady_timer(
     :param seconds: period in seconds.
     :param call: function to call.
     :param group: callback group; None for the default one of the node.
+    :param is_active: whether it runs; else ``reset`` starts it.
     :returns: the timer.
     """
-    return node.create_timer(seconds, call, group, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    return node.create_timer(
+        seconds, call, group, clock=Clock(clock_type=ClockType.STEADY_TIME), autostart=is_active)

@@ -194,8 +194,10 @@ class Graph:
                 transport='video', depth=_PACKET_DEPTH, decodes_video=False,
             ) if transport == PACKETS else SubscriptionOptions(
                 transport=transport, depth=_DEPTH, prefers_compressed=True)
-            self._open[key] = feed, FrameSubscription(
+            subscription = FrameSubscription(
                 self._node, name, self._log, feed.put, feed.count_broken, options)
+            self._open[key] = feed, subscription
+            subscription.start()
 
     def close(self, key: FeedKey, feed: Feed) -> bool:
         """Unsubscribe the feed of a topic; return whether it was subscribed."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.settings import NodeSettings
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
@@ -51,8 +51,8 @@ class ViewerSettings(NodeSettings):
     quality: int = parameter(
         80, 'JPEG quality of the pictures, from 1 (smallest) to 100 (best); a slow link lowers it',
         bounds=(1, 100))
-    rate: float = parameter(
-        30.0, 'Maximum rate of the pictures of a topic in Hz', bounds=(0.1, 240))
+    rate: float = rate_parameter(
+        30.0, 'Maximum rate of the pictures of a topic in Hz', 240, or_zero=False)
     topics: str = parameter(
         '', 'Image topics to show, separated by commas, with * for any text; empty for all')
     transport: str = parameter(

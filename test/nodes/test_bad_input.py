@@ -68,9 +68,9 @@ PUBLISHER = {
     'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},
                          "parameter encoding is 'bgr9': give one of 'rgb8'"),
     'negative rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': -1.0},
-                      'parameter publish_rate is -1.0: give a number from 0 to 1000'),
+                      'parameter publish_rate is -1.0: give 0, or a number from 0.1 to 1000'),
     'no rate': (BAD_USAGE, {'source': 'pattern', 'publish_rate': 'fast'},
-                "parameter publish_rate is 'fast': give a number"),
+                "parameter publish_rate is 'fast': give 0, or a number"),
     'half a frame': (BAD_USAGE, {'source': 'pattern', 'max_frames': 1.5},
                      'parameter max_frames is 1.5: give a whole number'),
     'unknown end': (BAD_USAGE, {'source': 'pattern', 'on_end': 'explode'},
@@ -228,7 +228,7 @@ def test_exit_of_a_refusing_process(start: Start, files: None, name: str, case: 
 
 @pytest.mark.parametrize(('name', 'words', 'status', 'text'), [
     ('img_publisher', ['--help'], 0, 'Frame rate of the published images in Hz; 0 for the'),
-    ('img_publisher', ['--help'], 0, '  double: 0 to 1000 [10.0]; at run time\n'),
+    ('img_publisher', ['--help'], 0, '  double: 0 or 0.1 to 1000 [10.0]; at run time\n'),
     ('img_publisher', ['--help'], 0, 'img_publisher --ros-args -p source:=clip.mp4'),
     ('img_publisher', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS'),
     ('img_subscriber', ['--help'], 0, 'OPENCV_TOOLS_TRANSPORT=default  do not configure Fast DDS'),

@@ -29,6 +29,9 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SOURCES = {path.relative_to(ROOT).as_posix(): path.read_text()
            for path in sorted((ROOT / 'opencv_tools').rglob('*.py'))}
+_GIVES = re.compile(
+    r'add_waitable|add_\w+_parameters_callback|watch_parameters|receive_frames|start|start_thread|'
+    r'create_(\w+_)?(guard_condition|service|subscription|timer)')
 _LICENCE_END = 'limitations under the License.\n'
 
 
@@ -127,6 +130,42 @@ def test_imports_have_no_circle() -> None:
 def test_circle_is_found() -> None:
     graph = {'a': frozenset('b'), 'b': frozenset('c'), 'c': frozenset('b'), 'd': frozenset()}
     assert WRITE_IMPORTS.circles(graph) == ['b', 'c']
+
+
+def late_attributes(text: str) -> list[str]:
+    """Return the attributes that constructors set after they gave a callback to an executor."""
+    late = []
+    for method in ast.walk(ast.parse(text)):
+        if not isinstance(method, ast.FunctionDef) or method.name != '__init__':
+            continue
+        is_given = False
+        for statement in method.body:
+            nodes = [*ast.walk(statement)]
+            later = [inner for node in nodes if isinstance(node, ast.Lambda)
+                     for inner in ast.walk(node)]
+            gives = '_NeverExecuted' not in ast.unparse(statement) and any(
+                isinstance(node, ast.Call) and node not in later
+                and _GIVES.fullmatch(ast.unparse(node.func).rpartition('.')[2]) for node in nodes)
+            if is_given and not gives:
+                late += [node.attr for node in nodes if isinstance(node, ast.Attribute)
+                         and isinstance(node.ctx, ast.Store)]
+            is_given |= gives
+    return late
+
+
+def test_constructors_give_callbacks_to_an_executor_last() -> None:
+    paths = [*(ROOT / 'opencv_tools').rglob('*.py'), *(ROOT / 'examples').rglob('*.py')]
+    late = {path.name: late_attributes(path.read_text()) for path in paths}
+    assert {name: names for name, names in late.items() if names} == {}
+
+
+@pytest.mark.parametrize('statement', [
+    'node.create_timer(1, self.f)', 'self.w = node.add_waitable(self)', 'thread.start()',
+    'self.s = node.receive_frames("t", self.f) if node else None'])
+def test_late_attribute_is_found(statement: str) -> None:
+    lines = ['class A:', ' def __init__(self):', '  self.a = 1', f'  {statement}', '  self.b = 2']
+    assert late_attributes('\n'.join(lines)) == ['b']
+    assert late_attributes('\n'.join([*lines[:2], *lines[4:], lines[3]])) == []
 
 
 def test_picture_of_a_graph() -> None:

@@ -98,10 +98,15 @@ def ours(_: bool) -> Iterator[Subscribe]:
     def _refuse(err: Exception) -> None:
         raise err
 
-    with configured_fastdds(0):
-        yield lambda node, take: FrameSubscription(
+    def _subscribe(node: Node, take: Callable[[object], object]) -> FrameSubscription:
+        subscription = FrameSubscription(
             node, TOPIC, Log(node.get_logger()), lambda received: take(received.message), _refuse,
             SubscriptionOptions(transport='raw', depth=None))
+        subscription.start()
+        return subscription
+
+    with configured_fastdds(0):
+        yield _subscribe
 
 
 def main() -> None:

@@ -182,6 +182,7 @@ class Viewer:
         self.subscription = FrameSubscription(
             node, TOPIC, Log(node.get_logger()), self._take, self.errors.append,
             SubscriptionOptions(transport=transport, depth=depth, threaded=threaded))
+        self.subscription.start()
 
     @property
     def is_sharing(self) -> bool:

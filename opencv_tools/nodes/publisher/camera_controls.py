@@ -66,8 +66,8 @@ class CameraControls:
             (name.removesuffix(_SUFFIX), int(value))
             for name, value in self._unclaimed.items() if isinstance(value, int))
         self._is_updating = False
-        self._opened = node.create_guard_condition(self.declare)
         self._timer: Timer | None = None
+        self._opened = node.create_guard_condition(self.declare)
         node.add_on_set_parameters_callback(self._set)
 
     @property

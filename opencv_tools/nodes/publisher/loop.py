@@ -83,9 +83,9 @@ class PublishLoop:
         self._grabber = Grabber(
             self._open_source, settings.playback(), settings.reconnect_policy(), self._events,
             topics)
-        self._diagnostics = Diagnostics(node, self._source_status)
         self._is_live = False  # until the source is open
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
+        self._diagnostics = Diagnostics(node, self._source_status)
 
     @property
     def camera(self) -> CameraSource | None:
@@ -159,8 +159,7 @@ class PublishLoop:
         :param changes: new values by name.
         """
         self.settings = replace(self.settings, **changes)
-        self._grabber.playback = self.settings.playback()
-        self._grabber.reconnect = self.settings.reconnect_policy()
+        self._grabber.use(self.settings.playback(), self.settings.reconnect_policy())
         self._topics.use_video(self.settings.video())
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()

@@ -34,7 +34,7 @@ from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
 from opencv_tools.image.text import without_password
 from opencv_tools.logs import Log, log_if_slow
-from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.publisher.stamps import STAMPS
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
@@ -78,9 +78,9 @@ class PublisherSettings(NodeSettings):
         'names in which * stands for any characters, as a list, or a text with blanks between '
         'them',
         check=check_patterns, words=True)
-    publish_rate: float = parameter(
-        10.0, 'Frame rate of the published images in Hz; 0 for the rate of the source',
-        bounds=(0, MAX_RATE), changeable=True)
+    publish_rate: float = rate_parameter(
+        10.0, 'Frame rate of the published images in Hz; 0 for the rate of the source', MAX_RATE,
+        changeable=True)
     encoding: str = parameter(
         'bgr8', "Encoding of the published images; '' for the encoding of the source",
         choices=(*ENCODINGS, ''), changeable=True)
@@ -92,9 +92,9 @@ class PublisherSettings(NodeSettings):
     height: int = parameter(
         0, 'Height of the camera image in pixels; 0 for the default (480)', bounds=(0, 1 << 16),
         changeable=True)
-    fps: float = parameter(
-        0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)',
-        bounds=(0, MAX_RATE), changeable=True)
+    fps: float = rate_parameter(
+        0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)', MAX_RATE,
+        changeable=True)
     fourcc: str = parameter(
         '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty for the best '
         'format at this size and rate', check=check_fourcc, changeable=True)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.image.image_size import MAX_PIXELS
-from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.settings import NodeSettings, priority_parameter
 from opencv_tools.rate_limit import MAX_RATE
 from opencv_tools.recording.naming import check_folder, FileNames
@@ -83,9 +83,8 @@ class RecorderSettings(NodeSettings):
     crf: int = parameter(
         23, 'Constant rate factor of videos, from 0 (best) to 51 (smallest)', bounds=(0, 51))
     every_n: int = parameter(1, 'Write every n-th frame', bounds=(1, 10**9), ends=True)
-    max_rate: float = parameter(
-        0.0, 'Maximum rate of the written frames in Hz; 0 for no limit',
-        bounds=(0, MAX_RATE), ends=True)
+    max_rate: float = rate_parameter(
+        0.0, 'Maximum rate of the written frames in Hz; 0 for no limit', MAX_RATE, ends=True)
     max_frames: int = parameter(
         0, 'Number of recorded frames after which the node exits; 0 for no limit',
         bounds=(0, 10**9), ends=True)

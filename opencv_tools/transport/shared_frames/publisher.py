@@ -32,6 +32,7 @@ from opencv_tools.transport.shared_frames.memory import process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.writer import FrameWriter, MAX_LOANS, Slot
 from opencv_tools.transport.zero_copy import publish_image
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -93,6 +94,8 @@ class SharedFramePublisher:
         self._announcements = node.create_publisher(
             String, f'{images.topic_name}{SUFFIX}',
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
+            # rclpy does not guard events, if one thread destroys them and another waits for them.
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         ) if can_share() else None
 
     @property

@@ -72,6 +72,7 @@ class RecordedImages:
             SubscriptionOptions(transport=topic.transport, depth=_DEPTH, prefers_compressed=True,
                                 decodes_video=False, max_views=_MAX_VIEWS))
         self._messages = BagMessages(node, self._subscription.topic_name, log, on_message)
+        self._subscription.start()
 
     @property
     def lost(self) -> int:

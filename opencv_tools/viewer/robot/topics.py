@@ -23,6 +23,7 @@ from functools import partial
 
 from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError
+from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.ros_errors import ROS_ERRORS
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.viewer.errors import RequestError
@@ -147,8 +148,8 @@ class RobotTopics:
         for topic in topics:
             kind, qos = _TOPICS[topic]
             try:
-                subscription = self._node.create_subscription(
-                    message_type(_TYPES[kind]), topic, partial(inbox.put, kind), qos, raw=True)
+                subscription = destroyable(self._node.create_subscription(
+                    message_type(_TYPES[kind]), topic, partial(inbox.put, kind), qos, raw=True))
             except (DefinitionError, *ROS_ERRORS) as err:  # other middleware needs tf2_msgs
                 self._log.warning(f'no subscription to {self._names[topic]}: {err}')
             else:

@@ -177,6 +177,16 @@ def test_slow_reader_gets_the_newest_frame(
     assert numbers_of(taken) == [1, 11, 22, 32, 43]
 
 
+@pytest.mark.parametrize(('old', 'new', 'changed_at', 'taken'), [
+    (0.1, 64.0, 0.5, [1, 64, 66]), (64.0, 0.125, 0.0625, [1, 3, 5, 7]), (0.1, 2.0, 0.25, [1, 65])])
+def test_change_of_the_rate_of_a_camera(
+        grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, old: float, new: float,
+        changed_at: float, taken: list[int]) -> None:
+    grabber = grab(camera, rate=old)
+    clock.plan(changed_at, lambda: grabber.use(PlaybackSettings(rate=new), ReconnectPolicy()))
+    assert numbers_of(take(grabber, clock, max(changed_at + 0.02, 0.51)))[:4] == taken
+
+
 def test_frames_before_their_due_time_are_not_decoded(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera) -> None:
     frames = take(grab(camera, rate=8.0), clock, 0.5)

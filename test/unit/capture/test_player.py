@@ -117,6 +117,40 @@ def test_stop_ends_the_wait_for_a_frame(clock: SteppedClock) -> None:
     assert clock.now == BEGAN + 2.5
 
 
+@pytest.mark.parametrize(('old', 'new', 'changed_at', 'due'), [
+    (0.02, 32.0, 2.5, [0.0, 2.5, 2.53125]),  # the new period has passed
+    (0.125, 0.5, 1.0, [0.0, 2.0, 4.0]),
+    (1.0, 0.25, 0.5, [0.0, 4.0, 8.0]),
+    (0.0, 8.0, 100.0, [0.0, 100.0, 100.125]),  # from the times of a file
+    (0.02, 0.02, 7.0, [0.0, 50.0, 100.0])])
+def test_change_of_the_rate_during_a_wait(
+        clock: SteppedClock, old: float, new: float, changed_at: float, due: list[float]) -> None:
+    settings, changed = PlaybackSettings(rate=old), Event()
+
+    def change() -> None:
+        nonlocal settings
+        settings = PlaybackSettings(rate=new)
+        changed.set()
+
+    clock.plan(changed_at, change)
+    player = Player(StampedSource(0.0, 1000.0, 2000.0), lambda: settings, Event(), lambda: False,
+                    pytest.fail, clock)
+    player.changed = changed
+    assert [(frame.stamp_ns / 1e9 - BEGAN, clock.now - BEGAN) for frame in player.frames()] == [
+        (seconds, seconds) for seconds in due]
+
+
+def test_stop_after_a_change_of_the_rate(clock: SteppedClock) -> None:
+    stopped, changed = Event(), Event()
+    for seconds in (1.0, 2.0):
+        clock.plan(seconds, changed.set)
+    clock.plan(2.5, lambda: (stopped.set(), changed.set()))
+    player = play(PatternSource(PatternSpec(8, 8, 0.125)), stopped=stopped, clock=clock)
+    player.changed = changed
+    assert len(list(player.frames())) == 1
+    assert clock.now == BEGAN + 2.5
+
+
 def test_pause_holds_playback_without_losing_frames(clock: SteppedClock) -> None:
     held = Event()
     source = PatternSource(PatternSpec(200, 3, 64.0))

@@ -20,12 +20,16 @@ from collections.abc import Iterator
 import math
 from typing import Any
 
+from opencv_tools.image_filter import FilterSettings
 from opencv_tools.nodes.declaration import (
     declare_parameters, UnknownParameterError, watch_parameters)
-from opencv_tools.nodes.parameters import Parameter
+from opencv_tools.nodes.parameters import Parameter, parameter_table
 from opencv_tools.nodes.publisher import parameters as publisher_parameters
+from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.subscriber import parameters as subscriber_parameters
+from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.viewer.parameters import ViewerSettings
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -48,9 +52,9 @@ BILLION = 10**9
 # Valid values: smallest and largest number, a set of choices, or any text.
 VALUES = {
     'img_publisher': {
-        'source': str, 'bag_topic': str, 'topics': str, 'publish_rate': (0.0, 1000.0),
+        'source': str, 'bag_topic': str, 'topics': str, 'publish_rate': (0.1, 1000.0),
         'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
-        'height': (0, 65536), 'fps': (0.0, 1000.0), 'fourcc': str,
+        'height': (0, 65536), 'fps': (0.1, 1000.0), 'fourcc': str,
         'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
         'rectify': {False, True},
         'jpeg_quality': (1, 100), 'video_codec': str, 'video_quality': (0, 51),
@@ -66,12 +70,14 @@ VALUES = {
         'transport': {'auto', 'raw', 'compressed'}, 'max_pixels': (1, 2**31),
         'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
         'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
-        'every_n': (1, BILLION), 'max_rate': (0.0, 1e6), 'max_frames': (0, BILLION),
+        'every_n': (1, BILLION), 'max_rate': (0.1, 1e6), 'max_frames': (0, BILLION),
         'max_duration': (0.0, 1e9), 'max_bytes': (0, 10**18), 'ring': {False, True},
         'split_bytes': (0, 10**18), 'split_duration': (0.0, 1e9),
         'queue_size': (1, 100_000), 'writers': (0, 256), 'on_overflow': {'drop', 'block'},
         'on_exists': {'continue', 'error', 'overwrite'}, 'sync': {False, True},
         'timeout': (0.0, 1e9), 'priority': (0, 99)}}
+# Rates, which may be 0 as well.
+RATES = {'publish_rate', 'fps', 'max_rate'}
 # Parameters of the publisher that cannot be changed while it runs; all of the subscriber.
 FIXED = {'source', 'bag_topic', 'topics', 'clock', 'camera_info_url', 'camera_name', 'on_end',
          'loop', 'start_frame', 'stop_frame', 'max_frames', 'wait_for_subscribers', 'priority'}
@@ -122,6 +128,9 @@ def test_valid_and_invalid_values(context: Context, executable: str, name: str) 
         else:
             wrong = [least - 1, most + 1, 1.5]
         wrong += ['x', True]
+    if name in RATES:
+        right.append(0.0)
+        wrong += [1e-300, 0.02, -0.0001]
     for value in right:
         node = declare_given(context, table, **{name: value})
         got = node.get_parameter(name).value
@@ -134,12 +143,30 @@ def test_valid_and_invalid_values(context: Context, executable: str, name: str) 
             declare_given(context, table, **{name: value})
     bounds = [(found.from_value, found.to_value) for found in (
         *descriptor.integer_range, *descriptor.floating_point_range)]
+    if name in RATES:
+        assert bounds == [(0.0, allowed[1])]
+        assert descriptor.additional_constraints == f'0 or 0.1 to {allowed[1]:.15g}'
+        return
     assert bounds == ([allowed] if isinstance(allowed, tuple) else [])
     listed = descriptor.additional_constraints.removeprefix('one of: ').split(', ')
     if isinstance(allowed, set) and allowed != {False, True}:
         assert {str(choice) for choice in allowed if choice != ''} <= set(listed)
     else:
         assert listed == ['']
+
+
+@pytest.mark.parametrize('settings', [
+    PublisherSettings, RecorderSettings, FilterSettings, ViewerSettings])
+def test_rates_are_0_or_at_least_0_1(settings: type) -> None:
+    rates = [found for found in parameter_table(settings) if 'Hz' in found.description]
+    assert rates
+    for found in rates:
+        for value in (0.02, 1e-300, 5e-324, math.nextafter(0.1, 0.0)):
+            with pytest.raises(ParameterError, match=(
+                    f'^parameter {found.name} is {value!r}: give (0, or )?a number from 0.1 to ')):
+                found.accept(value)
+        assert [found.accept(value) for value in (0.1, 1, 240)] == [0.1, 1.0, 240.0]
+        assert found.or_zero == (settings is not ViewerSettings)
 
 
 ENDING = (Parameter('counts', 1, 'a number', bounds=(0, 9)),

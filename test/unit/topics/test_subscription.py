@@ -95,6 +95,7 @@ def subscribe(node: Node, received: Received, monkeypatch: pytest.MonkeyPatch
         subscriptions.append(FrameSubscription(
             subscriber, 'video_frames', Log(subscriber.get_logger()), received.take,
             received.errors.append, SubscriptionOptions(transport=transport, depth=depth)))
+        subscriptions[-1].start()
         return subscriptions[-1]
 
     yield _subscribe
@@ -785,6 +786,7 @@ def test_end_by_a_callback_while_the_executor_works(
     subscription = FrameSubscription(
         node, 'video_frames', Log(node.get_logger()), end, end,
         SubscriptionOptions(depth=10, threaded=True))
+    subscription.start()
     work = getattr(subscription._sources.image, name)
 
     def work_slowly(*arguments: object) -> object:
@@ -825,6 +827,7 @@ def test_exception_of_a_threaded_callback_at_the_end(
     subscription = FrameSubscription(
         node, 'video_frames', Log(node.get_logger()), fail, fail,
         SubscriptionOptions(transport='raw', depth=10, threaded=True))
+    subscription.start()
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     publish_until(node, publisher, image, has_frame.is_set)
     thread = subscription._consumer._thread
@@ -847,6 +850,7 @@ def test_exception_of_a_threaded_callback_after_its_destroy(
     subscription = FrameSubscription(
         node, 'video_frames', Log(node.get_logger()), fail, fail,
         SubscriptionOptions(transport='raw', depth=10, threaded=True))
+    subscription.start()
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     with pytest.raises(ValueError, match='mine'):
         publish_until(node, publisher, image, lambda: False)
