@@ -26,6 +26,7 @@ import os
 from pathlib import Path
 import re
 import resource
+import shlex
 import shutil
 import signal
 import subprocess
@@ -38,6 +39,7 @@ import cv2
 import hypothesis
 import numpy as np
 from opencv_tools.signals import END_SIGNALS
+import own_namespaces
 from prepared import programs
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -64,6 +66,16 @@ collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable
 
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
 pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
+
+# Nothing of the machine decides: a test sets the variables that it needs.
+for _name in tuple(os.environ):
+    if (re.match('ROS_|RMW_|RCUTILS_|FASTDDS_|FASTRTPS_|LC_|LANG', _name)
+            and _name not in ('ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION')
+            or _name.lower().endswith('_proxy')):
+        del os.environ[_name]
+os.environ.update(LANG='C.UTF-8', TZ='UTC')
+time.tzset()
+os.umask(0o022)
 
 # Processes inherit that a signal is ignored, as in the background of a script. Tests send them.
 for _number in END_SIGNALS:
@@ -250,11 +262,27 @@ def _no_unmarked_process(
     monkeypatch.setattr(subprocess.Popen, '__init__', _start)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
+    """Start each worker in namespaces of its own, apart from all other nodes of this machine."""
+    reason = own_namespaces.reason_against()
+    if reason:
+        config.get_terminal_writer().line(
+            f'the tests share /dev/shm and the loopback with other nodes: {reason}')
+        return
+    for spec in specs:
+        spec.python = shlex.join([*own_namespaces.PREFIX, sys.executable])
+
+
+def pytest_collection_modifyitems(
+        config: pytest.Config, items: list[pytest.Item]) -> None:
     """Mark tests with ``process`` by their fixtures and folders, and mix the files for workers."""
     if 'PYTEST_XDIST_WORKER' in os.environ:
         # Tests that wait for processes run beside tests that compute.
         items.sort(key=lambda item: hashlib.sha256(item.path.name.encode()).digest())
+    if 'OPENCV_TOOLS_ONLY' in os.environ:  # the tests that thorough.py runs again
+        only = Path(os.environ['OPENCV_TOOLS_ONLY']).read_text().splitlines()
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in only])
+        items[:] = [item for item in items if item.nodeid in only]
     for item in items:
         if item.path.parent.name in OWN_COMMAND or (
                 {'start', 'count', 'prefix', 'shared'} & set(getattr(item, 'fixturenames', ()))):
@@ -314,6 +342,8 @@ def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
                  tmp_path_factory: pytest.TempPathFactory) -> None:
     """Reserve a domain for a test that starts processes; one that has none can create no node."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
+    # Kept between runs for the fonts that matplotlib looks for.
+    monkeypatch.setenv('HOME', str(request.config.cache.mkdir('home')))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
     if request.node.get_closest_marker('process'):
