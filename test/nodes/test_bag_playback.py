@@ -81,7 +81,7 @@ def stamps(messages: list[Any]) -> list[int]:
     return [Time.from_msg(message.header.stamp).nanoseconds for message in messages]
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_clip_goes_through_topic_bag_topic_and_files(
         start: Start, node: Node, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir='bags', file_name='clip.mcap',

@@ -81,7 +81,7 @@ def test_pairs(case: Case, stage: Stage) -> None:
 
 
 @pytest.mark.process
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.parametrize('case', TRIPLES, ids=str)
 def test_triples(case: Case, stage: Stage) -> None:
     check(case, stage)

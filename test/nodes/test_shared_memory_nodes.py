@@ -33,7 +33,7 @@ from sharing import (
     Camera, picture, RemoteCamera, RemoteViewer, send_until, TOPIC, Viewer, WINDOW)
 
 pytest_plugins = ['sharing']
-pytestmark = [pytest.mark.process, pytest.mark.stress]
+pytestmark = [pytest.mark.process, pytest.mark.thorough]
 
 
 class Memory:

@@ -120,7 +120,7 @@ def test_signal_at_each_step_of_the_start(case: Case, tmp_path: Path) -> None:
             check_end(case, process, console, SIGNALS[index % len(SIGNALS)])
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @EVERY_CASE
 def test_signals_in_the_first_two_seconds(case: Case, tmp_path: Path) -> None:
     for moment, number in zip(range(20), itertools.cycle(SIGNALS)):

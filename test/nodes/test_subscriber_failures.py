@@ -75,7 +75,7 @@ def wait_for_frames(process: NodeProcess) -> None:
     process.wait_until(lambda _: taken() > last, 'more frames')
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_whole_files_after_kills(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
@@ -125,7 +125,7 @@ def grays(video: Path) -> list[float]:
     return means
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.parametrize('suffix', ['mp4', 'mkv'])
 def test_video_of_a_killed_recorder(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
@@ -276,7 +276,7 @@ def test_every_frame_is_counted_with_slow_writers(
     tell(f'{writers} slow writers: {counts}')
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_no_loss_in_ten_thousand_frames(
         start: Start, node: Node, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'

@@ -326,7 +326,7 @@ rclpy.spin_once(node, timeout_sec=1)
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_account_of_many_topics(
         start: Start, tmp_path: Path, tell: Callable[[str], None]) -> None:
     """Set TOPICS_SIZE and TOPICS_SECONDS for more than a small camera for a few seconds."""

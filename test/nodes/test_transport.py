@@ -31,7 +31,7 @@ from conftest import DEADLINE, NodeProcess
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
 import pytest
 
-pytestmark = pytest.mark.stress
+pytestmark = pytest.mark.thorough
 
 Start = Callable[..., NodeProcess]
 Count = Callable[..., NodeProcess]

@@ -459,7 +459,7 @@ def test_rate_is_limited(start: Start, node: Node) -> None:
     run_page(look())
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_opened_and_closed_pages_leave_nothing(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image')
     descriptors = Path('/proc', str(viewer.pid), 'fd')

@@ -326,7 +326,7 @@ def peak_memory_of_loading(path: Path) -> int:
     return peak_memory(script, path)
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('name', BOMBS)
 def test_hostile_bag_needs_less_than_400_megabytes(tmp_path: Path, name: str) -> None:
@@ -334,7 +334,7 @@ def test_hostile_bag_needs_less_than_400_megabytes(tmp_path: Path, name: str) ->
     assert peak_memory_of_loading(tmp_path / 'a.mcap') < 400_000
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 def test_chunks_with_the_same_times_need_less_than_a_gigabyte(tmp_path: Path) -> None:
     data = bytes(32 << 20)

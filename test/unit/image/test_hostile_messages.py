@@ -69,7 +69,7 @@ def test_random_message_is_converted_correctly_or_refused(
     check_answer(encoding, desired, height, width, step, missing, is_bigendian)
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @examples(10_000)
 @random_messages
 def test_many_random_messages(

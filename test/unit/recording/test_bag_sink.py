@@ -541,7 +541,7 @@ while True:
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 def test_twenty_killed_recordings_are_finished(tmp_path: Path) -> None:
     chosen = random.Random(21)

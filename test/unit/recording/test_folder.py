@@ -155,7 +155,7 @@ for number in itertools.count():
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 def test_recording_killed_at_any_moment_leaves_whole_files(tmp_path: Path) -> None:
     moments = random.Random(5)
