@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
+from functools import partial
 import hashlib
 import itertools
 import json
@@ -49,6 +50,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from waiting import LONGEST_SECONDS, pause, status_of, wait_until, work_of
 
 #: Python that prints the peak memory of its process in KB. ru_maxrss begins with the parent's.
 PRINT_PEAK_MEMORY = ('import pathlib; print(pathlib.Path("/proc/self/status").read_text()'
@@ -107,7 +109,7 @@ def peak_memory(script: str, *arguments: object) -> int:
     """Return the peak memory in KB of a process that runs Python code to its end."""
     finished = subprocess.run(
         [sys.executable, '-c', f'{script}\n{PRINT_PEAK_MEMORY}', *map(str, arguments)],
-        capture_output=True, text=True, timeout=5 * DEADLINE, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     return int(finished.stdout)
 
@@ -141,11 +143,13 @@ class NodeProcess:
 
     def wait_until(self, condition: Callable[[str], bool], name: str = 'the condition') -> None:
         """Wait for a condition of the console output."""
-        deadline = time.monotonic() + DEADLINE
-        while not condition(self.output):
-            assert self._process.poll() is None, f'ended before {name}:\n{self.output}'
-            assert time.monotonic() < deadline, f'{name} did not come:\n{self.output}'
-            time.sleep(0.02)
+        def is_met() -> bool:
+            met = condition(self.output)
+            assert met or self.is_running(), f'ended before {name}:\n{self.output}'
+            return met
+
+        wait_until(is_met, name, output=lambda: self._log.stat().st_size,
+                   work=lambda: work_of(self.pid))
 
     def is_running(self) -> bool:
         """Return whether the process is running."""
@@ -153,10 +157,7 @@ class NodeProcess:
 
     def finish(self) -> int:
         """Wait for the end and return the exit status, -N after signal N."""
-        try:
-            status = self._process.wait(DEADLINE)
-        except subprocess.TimeoutExpired:
-            pytest.fail(f'did not end:\n{self.output}')
+        status = status_of(self._process, output=lambda: self._log.stat().st_size)
         assert 'Traceback' not in self.output, self.output
         return status
 
@@ -431,7 +432,7 @@ def destroy(node: Node) -> None:
     """
     node.destroy_node()
     rclpy.shutdown(context=node.context)
-    time.sleep(0.03)
+    pause(0.03)
 
 
 @pytest.fixture
@@ -479,13 +480,11 @@ def executor_of(node: Node) -> Iterator[SingleThreadedExecutor]:
         executor.shutdown()
 
 
-def spin_until(node: Node, condition: Callable[[], bool]) -> None:
-    """Spin a node until a condition holds."""
-    deadline = time.monotonic() + DEADLINE
+def spin_until(node: Node, condition: Callable[[], bool], name: str = 'the condition',
+               **counters: Callable[[], object]) -> None:
+    """Spin a node until a condition holds; see `waiting.Watch`."""
     with executor_of(node) as executor:
-        while not condition():
-            assert time.monotonic() < deadline, 'the condition did not come to hold'
-            executor.spin_once(timeout_sec=0.05)
+        wait_until(condition, name, partial(executor.spin_once, timeout_sec=0.05), **counters)
 
 
 def call_service(node: Node, service_type: type, name: str, request: object) -> object:

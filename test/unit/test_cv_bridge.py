@@ -34,6 +34,7 @@ from opencv_tools.image.layout import array_to_wire
 import pytest
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
+from waiting import LONGEST_SECONDS
 
 SIZES = ((1, 1), (2, 3), (7, 5), (48, 64))
 
@@ -342,7 +343,7 @@ def test_types_have_the_numbers_of_opencv_4_without_opencv() -> None:
               'from opencv_tools.cv_bridge import getCvType; '
               'print(getCvType("8UC3"), getCvType("64FC1"))')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=30, check=True)
+                              timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.split() == ['16', '6']
 
 
@@ -359,7 +360,7 @@ def test_missing_opencv_is_an_error_of_the_bridge(use: str) -> None:
               'image = np.zeros((2, 2), np.uint8)\n'
               f'try:\n    {use}\nexcept CvBridgeError as err:\n    print(err)')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60, check=True)
+                              timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.startswith('compressed images and colormaps need OpenCV: ')
 
 

@@ -32,6 +32,7 @@ from opencv_tools.calibration.view_search import pair_images
 from opencv_tools.convert.cli import main as convert
 import pytest
 from rendered_boards import facing, Pose, poses, small_camera
+from waiting import communicate, LONGEST_SECONDS, status_of
 
 TEXT = 'chessboard:9x6:25mm'
 BOARD = parse_board(TEXT)
@@ -248,7 +249,7 @@ def test_report_that_cannot_be_written(
             process.stdout.close()
         assert process.stderr
         error = process.stderr.read()
-        assert process.wait(60) == 1
+        assert status_of(process) == 1
     assert 'Traceback' not in error
     assert read_camera(target).width == 480
 
@@ -275,7 +276,7 @@ def test_command_without_ros(folders: tuple[Path, Path], tmp_path: Path) -> None
               'from opencv_tools.calibration.cli import main\nsys.exit(main(sys.argv[1:]))')
     finished = subprocess.run(
         [sys.executable, '-c', script, folders[0], '--board', TEXT, '-o', tmp_path / 'a.yaml'],
-        capture_output=True, text=True, timeout=60, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert (tmp_path / 'a.yaml').exists()
 
@@ -285,7 +286,7 @@ def test_help_without_slow_imports() -> None:
     script = ('import sys; sys.modules.update(dict.fromkeys(("numpy", "cv2", "yaml")))\n'
               'from opencv_tools.calibration.cli import main\nmain(["--help"])')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=30, check=True)
+                              timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.startswith('usage: img_calibrate ')
 
 
@@ -299,6 +300,6 @@ def test_interrupt(folders: tuple[Path, Path], tmp_path: Path) -> None:
         assert process.stderr
         assert process.stderr.readline().startswith('img_calibrate: Searching image 1: ')
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = communicate(process)
     assert process.returncode == 1 and errors.endswith('img_calibrate: error: interrupted\n')
     assert not (tmp_path / 'a.yaml').exists()

@@ -32,6 +32,7 @@ from opencv_tools.calibration.verdict import judge
 import pytest
 from rendered_boards import (
     Camera, facing, fisheye_camera, needs_markers, noisy_view, poses, small_camera)
+from waiting import LONGEST_SECONDS
 
 BOARD = parse_board('chessboard:9x6:25mm')
 CAMERA = small_camera()
@@ -191,7 +192,7 @@ def test_views_without_information(kind: str) -> None:
 def test_solution_in_another_process() -> None:
     seen = pickle.loads(pickle.dumps(views(CAMERA, 6)))
     with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
-        result = pool.submit(solve, seen, PLUMB_BOB).result(timeout=60)
+        result = pool.submit(solve, seen, PLUMB_BOB).result(timeout=LONGEST_SECONDS)
     np.testing.assert_allclose(result.k, solve(seen).k)
 
 

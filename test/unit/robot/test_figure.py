@@ -21,11 +21,11 @@ from pathlib import Path
 import subprocess
 import sys
 
-from conftest import DEADLINE
 from drawn_robots import plotted, tutorial
 from opencv_tools.robot.drawing import primitives
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
+from waiting import LONGEST_SECONDS
 
 
 def test_colours_of_a_png_file(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_error_without_matplotlib(
 def test_late_import_of_matplotlib_and_numpy() -> None:
     script = ('import sys, opencv_tools.robot.drawing.plot; '
               'assert not {"matplotlib", "numpy"} & set(sys.modules)')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE)
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=LONGEST_SECONDS)
 
 
 @pytest.mark.process
@@ -81,5 +81,5 @@ def test_no_remaining_figures_and_settings(tmp_path: Path) -> None:
               f'plotted(tutorial(), {str(tmp_path / "robot.svg")!r}); '
               'assert "matplotlib.pyplot" not in sys.modules; '
               'assert matplotlib.rcParams.copy() == before')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE,
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=LONGEST_SECONDS,
                    env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})

@@ -21,10 +21,8 @@ import gc
 import json
 import math
 from threading import Event
-import time
 
-from child_processes import wait_until
-from conftest import DEADLINE, spin_until
+from conftest import spin_until
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.topics import order, shared_frames, shared_source
 from opencv_tools.topics.order import Way
@@ -46,6 +44,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from sharing import Camera, is_picture, TOPIC, Viewer
 from std_msgs.msg import String
+from waiting import pause, wait_until, Watch, work
 
 pytest_plugins = ['sharing']
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -65,12 +64,12 @@ def test_frames_that_wait_for_a_busy_executor(viewer: Viewer, camera: Node, end:
     for turn in range(8):
         ours = Camera(camera, f'turn{turn}')
         viewer.watch(lambda: ours.subscribers > 0 and viewer.publishers > 0)  # noqa: B023
-        end_at = time.monotonic() + DEADLINE
+        watch = Watch('sharing', {'sent': lambda: ours.sent, 'work': work})  # noqa: B023
         while not viewer.is_sharing:
-            assert time.monotonic() < end_at
+            watch.check()
             for _ in range(6):
                 ours.send()
-                time.sleep(0.004)
+                pause(0.004)
             if end == 'ends' and ours.sent > 6 * turn:
                 break
             viewer.watch(lambda: viewer.received(ours) == ours.sent)  # noqa: B023
@@ -93,7 +92,7 @@ def test_executor_that_loses_a_wake_up(
     with monkeypatch.context() as patch:
         patch.setattr(viewer.subscription._wake_ups._guard, 'trigger', lost.set)
         ours.send()
-        assert lost.wait(DEADLINE)
+        wait_until(lost.is_set)
     viewer.assert_complete(ours)
 
 
@@ -207,7 +206,7 @@ def test_skipped_frames_of_a_slow_callback(camera: Node, node: Node, every: bool
     def slow(frame: Frame) -> None:
         assert is_picture(frame)
         numbers.append(frame.stamp.sec)
-        assert may_return.wait(DEADLINE)
+        wait_until(may_return.is_set)
 
     subscriber = FrameSubscriber(node, TOPIC, slow, encoding='', every=every, threaded=True)
     try:
@@ -491,7 +490,10 @@ def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
     if end == 'of the writer':
         del slot, writer
         gc.collect()
-        time.sleep(0.2)  # longer than the thread takes to notice it
+        rounds: list[None] = []
+        wait = source._wait
+        source._wait = lambda: rounds.append(wait())
+        wait_until(lambda: rounds, 'a round of the thread that began after the end')
         wait_until(pop, 'all frames')
         wait_until(lambda: isinstance(source.error, WriterEndedError), 'the end of the source')
     else:

@@ -29,6 +29,7 @@ from opencv_tools.viewer.calibrate.files import camera_file
 from opencv_tools.viewer.calibrate.solver import Solver
 import pytest
 from rendered_boards import needs_markers, poses, wide_camera
+from waiting import pause_loop
 
 pytestmark = needs_markers
 
@@ -63,7 +64,7 @@ def test_solution_that_is_ended(views: list[Detection]) -> None:
         solver = Solver()
         task = asyncio.ensure_future(solver.solve(views, PLUMB_BOB))
         while not solver.is_running:
-            await asyncio.sleep(0)
+            await pause_loop()
         solver.close()
         with pytest.raises(CalibrationError, match='the solution was ended'):
             await task
