@@ -26,7 +26,7 @@ from typing import Any
 
 from calibrations import CALIBRATION
 from conftest import (
-    CLIP, CLIP_FRAMES, DEADLINE, decode_clip, executable, NodeProcess, read_manifest, spin_until)
+    CLIP, CLIP_FRAMES, decode_clip, executable, NodeProcess, read_manifest, spin_until)
 import cv2
 from images import random_image
 import numpy as np
@@ -40,6 +40,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from waiting import communicate
 
 Start = Callable[..., NodeProcess]
 JPEG_BYTES = cv2.imencode('.jpg', random_image('bgr8', 16, 24))[1].tobytes()
@@ -269,7 +270,7 @@ def test_interrupt_while_a_bag_is_read_for_a_conversion(tmp_path: Path) -> None:
         assert process.stderr is not None
         assert 'from its begin to its end' in process.stderr.readline()
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=DEADLINE)
+        _, errors = communicate(process)
     assert process.returncode == 1
     assert errors == 'img_convert: error: interrupted before the first frame\n'
 

@@ -21,8 +21,9 @@ from pathlib import Path
 import subprocess
 
 from closed_streams import CLOSED, closing
-from conftest import DEADLINE, executable, NodeProcess, read_manifest
+from conftest import executable, NodeProcess, read_manifest
 import pytest
+from waiting import LONGEST_SECONDS
 
 Start = Callable[..., NodeProcess]
 URDF = '<robot name="a"><link name="b"/></robot>'
@@ -56,6 +57,6 @@ def test_robot_commands_work_without_standard_streams(
                          ('robot_compare', 'a.urdf', 'a.sdf'), ('sdf_to_urdf', 'a.sdf')):
         finished = subprocess.run(
             [*closing(*closed), executable(name), *words], cwd=tmp_path, input='',
-            capture_output=True, text=True, timeout=DEADLINE, check=False)
+            capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
         assert finished.returncode == 0, (name, finished.stderr)
     assert (tmp_path / 'a.sdf').read_text().startswith('<?xml')

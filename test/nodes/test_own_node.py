@@ -28,7 +28,7 @@ from typing import Any
 
 from calibrations import CALIBRATION
 from conftest import (
-    call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, EXAMPLES, NodeProcess, spin_until)
+    call_service, CLIP, CLIP_FRAMES, decode_clip, EXAMPLES, NodeProcess, spin_until)
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
@@ -43,6 +43,7 @@ from sending import create_publisher, stamped
 from sensor_msgs.msg import CompressedImage, Image
 from sharing import Camera, TOPIC
 from std_msgs.msg import String
+from waiting import LONGEST_SECONDS, wait_until
 import yaml
 
 Start = Callable[..., NodeProcess]
@@ -218,7 +219,7 @@ def test_callbacks_that_fail_end_the_node(start: Start, tmp_path: Path) -> None:
         for threaded in (False, True):
             finished = subprocess.run(
                 [sys.executable, '-c', FAILING_NODE.format(threaded=threaded, failure=failure)],
-                capture_output=True, text=True, timeout=DEADLINE, check=False, cwd=tmp_path)
+                capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False, cwd=tmp_path)
             assert finished.returncode == status, (failure, threaded, finished.stderr)
             printed = finished.stdout.split()
             assert (printed.count('frame'), printed.count('closed')) == (1, 1)
@@ -249,8 +250,7 @@ def send_until(process: NodeProcess, camera: Camera, node: Node,
     """
     Publish until a condition holds, which is looked at after each frame.
 
-    Fails when the process has printed 100 more lines 'frame', one for each frame it received, or
-    after ``DEADLINE``.
+    Fails when the process has printed 100 more lines 'frame', one for each frame it received.
     """
     before = process.output.count('frame\n')
 
@@ -390,6 +390,7 @@ RUN_FILTER = """
 import sys
 from opencv_tools.frames import run_filter
 
+
 def halve(image):
     print('image', image[0, 0], flush=True)
     return image // 2 if image[0, 0] % 2 == 0 else None
@@ -404,7 +405,7 @@ def test_filter_of_a_function(start: Start, node: Node, tmp_path: Path) -> None:
     filtering = start(str(tmp_path / 'mine.py'))
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     publisher.publish(stamped(np.full((4, 4), 98, np.uint8), 'mono8', 98))
-    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     for _ in range(2):  # the executor has served the frame before the second answer
         call_service(node, GetParameters, '/img_filter/get_parameters', GetParameters.Request())
     (halves,) = receive(node, 'halves')

@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator
 import itertools
 from pathlib import Path
 import signal
-import time
 
 import cv2
 from numbered_pictures import number_of, picture
@@ -28,6 +27,7 @@ from pair_cases import ALLOWED, Case, cases, EXCLUDED, FACTORS, FOUND
 from pair_processes import OwnReceiver, Publisher, Recorder, Stage
 from pairs import Part, parts
 import pytest
+from waiting import pause
 
 pytest.importorskip('iceoryx2')
 
@@ -114,7 +114,7 @@ def play(case: Case, stage: Stage) -> tuple[Receiver, int]:
         begin(case, publisher, receiver)
     elif case.publisher_end == 'stopped':
         publisher.signal(signal.SIGSTOP)
-        time.sleep(STOPPED_SECONDS)
+        pause(STOPPED_SECONDS)
         publisher.signal(signal.SIGCONT)
         flow(case, publisher, receiver)
     return receiver, end(case, publisher, receiver)

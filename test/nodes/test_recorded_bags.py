@@ -26,9 +26,8 @@ import time
 
 from bag_readers import decode, read_by_all, Stored
 from conftest import (
-    call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, NodeProcess, read_manifest,
-    recorded_files, spin_until,
-)
+    call_service, CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_manifest, recorded_files,
+    spin_until)
 from mcap.reader import SeekingReader
 import numpy as np
 from opencv_tools.image.cdr import (
@@ -46,6 +45,7 @@ from sending import create_publisher, send, stamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sharing import Camera
 from std_srvs.srv import Trigger
+from waiting import wait_until
 
 Start = Callable[..., NodeProcess]
 BAG = 'drive.mcap'
@@ -152,7 +152,7 @@ def record_camera_info(
     spin_until(node, lambda: len(sent) >= 5 and path.exists()
                and b'/front/camera_info' in path.read_bytes())
     node.destroy_timer(timer)
-    assert infos.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: infos.wait_for_all_acked(Duration()))
     subscriber.interrupt()
     assert subscriber.finish() == 0, subscriber.output
     return sent, [deserialize_message(stored.data, CameraInfo)

@@ -24,17 +24,15 @@ import pty
 import re
 import signal
 import subprocess
-import time
 
-from conftest import (
-    DEADLINE, executable, NodeProcess, read_manifest, read_pictures, recorded_files,
-)
+from conftest import executable, NodeProcess, read_manifest, read_pictures, recorded_files
 from images import draw_pattern
 import numpy as np
 import pytest
 from rclpy.duration import Duration
 from rclpy.node import Node
 from sending import create_publisher, send, stamped
+from waiting import pause, status_of, wait_until, work_of
 
 pytestmark = pytest.mark.fresh
 
@@ -112,10 +110,10 @@ def test_second_interrupt_of_a_blocking_recorder(
     noise = np.random.default_rng(1).integers(0, 256, (720, 1280, 3), np.uint8)
     publisher = create_publisher(node)
     send(node, publisher, *(stamped(noise, 'bgr8', number) for number in range(60)))
-    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     recorder.wait_for('Receiving video frame')
     recorder.interrupt()
-    time.sleep(1.1)  # an earlier signal is that of ros2 launch
+    pause(1.1)  # an earlier signal is that of ros2 launch
     if recorder.is_running():
         recorder.interrupt()
     status = recorder.finish()
@@ -136,7 +134,7 @@ def test_signals_after_the_last_log_line(start: Start) -> None:
         while process.is_running():  # its interpreter shuts down
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 process.interrupt(number)
-            time.sleep(0.001)
+            pause(0.001)
         assert process.finish() == 0, process.output
 
 
@@ -151,13 +149,15 @@ def test_recording_after_hangup(
     os.set_blocking(master, False)
 
     def wait_for_files(count: int) -> None:
-        nonlocal console
-        deadline = time.monotonic() + DEADLINE
-        while len(recorded_files(folder)) < count:
-            assert time.monotonic() < deadline, f'no file came:\n{console.decode()}'
+        def read() -> None:
+            nonlocal console
             with suppress(BlockingIOError, OSError):  # a terminal that is full blocks who writes
                 console += os.read(master, 1 << 16)
-            time.sleep(0.02)
+            pause(0.02)
+
+        wait_until(lambda: len(recorded_files(folder)) >= count, f'{count} files', read,
+                   files=lambda: len(recorded_files(folder)), output=lambda: console,
+                   work=lambda: work_of(recorder.pid))
 
     with subprocess.Popen(
             ['setsid', '--ctty', *within, executable('img_subscriber'), '--ros-args',
@@ -169,7 +169,7 @@ def test_recording_after_hangup(
             if within:
                 wait_for_files(len(recorded_files(folder)) + 3)
                 recorder.send_signal(signal.SIGINT)
-            assert recorder.wait(DEADLINE) == 0
+            assert status_of(recorder) == 0
         finally:
             with suppress(ProcessLookupError):
                 recorder.kill()

@@ -22,7 +22,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import itertools
 from pathlib import Path
 from threading import Thread
-import time
 
 from conftest import CLIP, decode_clip, NodeProcess, spin_until
 import cv2
@@ -32,6 +31,7 @@ from opencv_tools.cv_bridge import CvBridge
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Image
+from waiting import pause
 
 Start = Callable[..., NodeProcess]
 
@@ -137,7 +137,7 @@ class StreamHandler(BaseHTTPRequestHandler):
                 self.wfile.write(head.encode() + picture + b'\r\n')
             except OSError:
                 return  # the reader has left
-            time.sleep(1 / 30)
+            pause(1 / 30)
 
     def send_clip(self, begin: int) -> None:
         """Send the clip from a byte on, as web servers do for who wants to seek in it."""

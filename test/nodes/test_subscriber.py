@@ -25,9 +25,7 @@ from threading import Event
 import time
 
 import av
-from conftest import (
-    call_service, CLIP, DEADLINE, NodeProcess, read_manifest, recorded_files, spin_until,
-)
+from conftest import call_service, CLIP, NodeProcess, read_manifest, recorded_files, spin_until
 import cv2
 from images import random_image
 import numpy as np
@@ -213,13 +211,11 @@ def test_selected_frames(
 
 
 def _wait_until_received(recorder: NodeProcess, folder: Path, last: int) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while True:
+    def is_recorded(_: str) -> bool:
         values = [cv2.imread(str(path)) for path in recorded_files(folder)]
-        if any(value is not None and value[0, 0, 0] == last for value in values):
-            return
-        assert time.monotonic() < deadline, recorder.output
-        time.sleep(0.05)
+        return any(value is not None and value[0, 0, 0] == last for value in values)
+
+    recorder.wait_until(is_recorded, f'frame {last}')
 
 
 def test_duration_ends_without_further_frames(

@@ -22,7 +22,6 @@ import os
 from pathlib import Path
 import re
 import struct
-import time
 from typing import Any
 
 from bag_readers import decode, read_by_all
@@ -45,6 +44,7 @@ from sending import create_publisher, stamped
 from sensor_msgs.msg import Image, JointState
 from type_description_interfaces.msg import TypeSource
 from type_description_interfaces.srv import GetTypeDescription
+from waiting import pause
 
 Start = Callable[..., NodeProcess]
 BAG = 'drive.mcap'
@@ -193,7 +193,7 @@ def test_beside_frames(
                and 'Receiving video frame' in subscriber.output)
     for number in range(100):
         publisher.publish(JointState(position=[float(number)]))
-        time.sleep(0.005)
+        pause(0.005)
     publisher.wait_for_all_acked()
     for process in (camera, subscriber):
         process.interrupt()

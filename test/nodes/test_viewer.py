@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 import json
 from pathlib import Path
@@ -35,8 +34,8 @@ import pytest
 from rclpy.node import Node
 from sending import stamped
 from std_msgs.msg import String
-from viewing import (
-    address_of, Camera, fetch, Page, PausedPage, publishing, run_page, until)
+from viewing import address_of, Camera, fetch, Page, PausedPage, publishing, run_page
+from waiting import LONGEST_SECONDS, pause_loop, until
 
 Start = Callable[..., NodeProcess]
 GRAY = np.full((48, 64, 3), 90, np.uint8)
@@ -350,7 +349,7 @@ def test_unread_pictures_of_topics_that_a_page_has_left(
         await quick.picture()
         for _ in range(20):
             await deaf.send(subscribe='/image')
-            await asyncio.sleep(0.1)
+            await pause_loop(0.1)
             await deaf.send(unsubscribe='/image')
         assert await deaf.close_code() in (1008, None)
 
@@ -618,7 +617,7 @@ def test_held_picture(viewer: NodeProcess, node: Node) -> None:
 
 def test_picture_that_is_held_twice_leaves_that_of_another_page(
         viewer: NodeProcess, node: Node) -> None:
-    camera = Camera(node, 'front', latched=True)
+    camera, rear = Camera(node, 'front', latched=True), Camera(node, 'rear')
     camera.publish(GRAY)
 
     async def look() -> None:
@@ -632,7 +631,10 @@ def test_picture_that_is_held_twice_leaves_that_of_another_page(
             await page.send(subscribe='/front', held=True, **options)
         await page.send(ping=1)
         await page.text('pong')
-        await page.read_until(asyncio.sleep(3))  # longer than the viewer keeps an unused topic
+        await other.send(subscribe='/rear')
+        await other.read_until(rear.seen())
+        await other.send(unsubscribe='/rear')  # a topic that is unused from later on
+        await page.read_until(until(lambda: rear.publisher.get_subscription_count() == 0))
         assert camera.publisher.get_subscription_count() == 1
         camera.publish(GRAY)
         await other.picture()
@@ -767,7 +769,7 @@ def test_tornado_is_missing(domain: int) -> None:
     script = ('import sys; sys.modules.update(tornado=None); '
               'from opencv_tools.image_viewer import main; sys.exit(main(["img_viewer"]))')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60, check=False)
+                              timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 1
     assert 'Traceback' not in finished.stderr
     assert "img_viewer needs Tornado; install it with 'sudo apt install python3-tornado'" in (

@@ -16,15 +16,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-import time
 from typing import Any
 from urllib.parse import quote
 
-from conftest import DEADLINE, executor_of, NodeProcess, spin_until
+from conftest import executor_of, NodeProcess, spin_until
 import numpy as np
 from opencv_tools.calibration.boards import parse_board
 from opencv_tools.calibration.camera_file import read_camera
@@ -42,6 +40,7 @@ from sensor_msgs.srv import SetCameraInfo
 from shown_boards import BOARD, held_board, RATE, write_former
 from tornado.websocket import WebSocketClosedError
 from viewing import address_of, Camera, fetch, Page, publishing, run_page
+from waiting import pause_loop, wait_until
 
 pytestmark = needs_markers
 
@@ -68,7 +67,7 @@ async def open_page(url: str, topic: str = TOPIC, **headers: str) -> Page:
 async def join(url: str, topic: str = TOPIC) -> Page:
     """Open such a page as soon as the viewer knows the topic."""
     while f'"{topic}"' not in (await fetch(url, f'/topics?token={TOKEN}')).body.decode():
-        await asyncio.sleep(0.05)
+        await pause_loop(0.05)
     return await open_page(url, topic)
 
 
@@ -100,11 +99,8 @@ def read(node: Node, publish: Callable[[], object]) -> Former:
     with executor_of(node) as executor:
         reading = executor.create_task(
             read_former(Control(node), '/front/camera_info', ['/front/camera']))
-        deadline = time.monotonic() + DEADLINE
-        while not reading.done():
-            assert time.monotonic() < deadline
-            publish()
-            executor.spin_once(timeout_sec=0.005)
+        wait_until(reading.done, 'the calibration', lambda: (
+            publish(), executor.spin_once(timeout_sec=0.005)))
     found: Former = reading.result()
     return found
 

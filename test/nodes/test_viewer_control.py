@@ -21,7 +21,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from conftest import DEADLINE, destroy, NodeProcess
+from conftest import destroy, NodeProcess
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue, SetParametersResult
@@ -32,6 +32,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from viewing import address_of, Camera, Page, run_page, ShownPicture
+from waiting import wait_until
 
 Start = Callable[..., NodeProcess]
 GRAY = np.full((48, 64, 3), 90, np.uint8)
@@ -110,7 +111,7 @@ class OddCamera:
             node.create_service(service_type, f'{node.get_name()}/{name}', call)
 
     def _list(self, _: Any, answer: Any) -> Any:
-        self.is_free.wait(DEADLINE)
+        wait_until(self.is_free.is_set)
         answer.result.names = self.names
         return answer
 

@@ -31,7 +31,7 @@ import subprocess
 from typing import Any
 from urllib.parse import urlsplit
 
-from conftest import call_service, DEADLINE, executable, free_domain, NodeProcess
+from conftest import call_service, executable, free_domain, NodeProcess
 import cv2
 import numpy as np
 from opencv_tools.frames import FramePublisher
@@ -41,7 +41,8 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from sensor_msgs.msg import Image
-from viewing import address_of, Camera, fetch, Page, publishing, run_page, until
+from viewing import address_of, Camera, fetch, Page, publishing, run_page
+from waiting import LONGEST_SECONDS, result_of, until
 
 Start = Callable[..., NodeProcess]
 TOKEN = 'open-sesame'
@@ -199,10 +200,10 @@ def test_half_open_connections(viewer: NodeProcess) -> None:
     with ExitStack() as stack:
         for _ in range(300):
             connection = stack.enter_context(
-                socket.create_connection(('127.0.0.1', port), timeout=DEADLINE))
+                socket.create_connection(('127.0.0.1', port), timeout=LONGEST_SECONDS))
             with suppress(OSError):  # the server may have closed it
                 connection.sendall(b'GET / HTTP/1.1\r\n')
-        with socket.create_connection(('127.0.0.1', port), timeout=DEADLINE,
+        with socket.create_connection(('127.0.0.1', port), timeout=LONGEST_SECONDS,
                                       source_address=('127.0.0.3', 0)) as other:
             other.sendall(b'GET /healthz HTTP/1.0\r\nHost: localhost\r\n\r\n')
             assert other.recv(100).startswith(b'HTTP/1.1 200')
@@ -320,7 +321,7 @@ def test_hostile_requests(shared: NodeProcess) -> None:
                     b'GET /%ff?topic=%ff HTTP/1.1\r\nHost: localhost\r\n\r\n',
                     b'GET / HTTP/1.1\r\n\r\n',
                     b'GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n'):
-        with socket.create_connection(('127.0.0.1', port), timeout=60) as connection:
+        with socket.create_connection(('127.0.0.1', port), timeout=LONGEST_SECONDS) as connection:
             answer = b''
             with suppress(OSError):  # the server closes the connection early
                 connection.sendall(request)
@@ -502,7 +503,7 @@ def test_unread_snapshot_is_a_viewer(start: Start, node: Node) -> None:
         await until_listed(url, '/map')
         with socket.socket() as unread:
             unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-            unread.settimeout(DEADLINE)
+            unread.settimeout(LONGEST_SECONDS)
             unread.connect((urlsplit(url).hostname, urlsplit(url).port))
             unread.sendall(b'GET /snapshot?topic=/map&format=original HTTP/1.1\r\n'
                            b'Host: localhost\r\n\r\n')
@@ -566,7 +567,7 @@ async def read_parts(url: str, path: str, count: int) -> list[bytes]:
     begins = f'--{boundary[1]}\r\nContent-Type: image/jpeg\r\n'.encode()
     parts = []
     while len(parts) <= count:
-        part = await asyncio.wait_for(reader.readuntil(begins), DEADLINE)
+        part = await result_of(reader.readuntil(begins))
         parts.append(part.removesuffix(begins).partition(b'\r\n\r\n')[2].removesuffix(b'\r\n'))
     writer.close()
     return parts[1:]
@@ -655,7 +656,7 @@ def test_tls(start: Start, tmp_path: Path) -> None:
     subprocess.run(
         ['openssl', 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256',
          '-nodes', '-days', '2', '-subj', '/CN=localhost', '-keyout', str(key), '-out',
-         str(certificate)], check=True, capture_output=True, timeout=60)
+         str(certificate)], check=True, capture_output=True, timeout=LONGEST_SECONDS)
     viewer = start('img_viewer', port=0, token=TOKEN, certificate=certificate, key=key)
 
     async def ask() -> None:

@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 
 from conftest import NodeProcess
@@ -24,7 +23,8 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from viewing import address_of, Camera, Page, run_page, until
+from viewing import address_of, Camera, Page, run_page
+from waiting import pause_loop, until
 
 Start = Callable[..., NodeProcess]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -148,7 +148,7 @@ def test_publisher_of_many_messages(viewer: NodeProcess, node: Node) -> None:
         for number in range(2000):
             detector.publish(SECOND, [(1, 2, 3, 4, 0, str(number), 1)])
             if number % 10 == 0:
-                await asyncio.sleep(0.01)
+                await pause_loop(0.01)
         labels = []
         while not labels or labels[-1] != '1999 1.00':
             boxes = await page.text('boxes')

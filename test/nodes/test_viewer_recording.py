@@ -37,7 +37,8 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
-from viewing import address_of, Camera, Page, publishing, run_page, until
+from viewing import address_of, Camera, Page, publishing, run_page
+from waiting import until
 
 Start = Callable[..., NodeProcess]
 GRAY = np.full((48, 64, 3), 90, np.uint8)

@@ -32,7 +32,8 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from viewing import address_of, fetch, Page, publishing, run_page, until
+from viewing import address_of, fetch, Page, publishing, run_page
+from waiting import until
 
 Start = Callable[..., NodeProcess]
 

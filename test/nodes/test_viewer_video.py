@@ -37,7 +37,8 @@ from opencv_tools.viewer.protocol import unpack_video
 import pytest
 from rclpy.node import Node
 from video_packets import packets
-from viewing import address_of, fetch, Page, publishing, run_page, until
+from viewing import address_of, fetch, Page, publishing, run_page
+from waiting import pause_loop, until
 
 Start = Callable[..., NodeProcess]
 
@@ -158,7 +159,7 @@ def test_new_subscription_for_a_key_frame(viewer: NodeProcess, node: Node) -> No
             before = camera.readers(node)
             while camera.readers(node) <= before:
                 await page.send(key='/front')
-                await asyncio.sleep(0.1)
+                await pause_loop(0.1)
         order = itertools.cycle((sent[1], sent[0]))
         assert (await publishing(lambda: camera.publish(next(order)), packet_of(page)))[4]
 
@@ -172,7 +173,7 @@ def test_page_that_falls_behind_twice_gets_smaller_video(
     async def publish() -> None:
         while True:
             camera.publish(next(order))
-            await asyncio.sleep(0.02)
+            await pause_loop(0.02)
 
     async def fall_behind(page: Page) -> None:
         """Answer nothing until the page gets nothing, then answer everything."""
@@ -274,7 +275,7 @@ def test_page_that_reads_no_video(viewer: NodeProcess, node: Node) -> None:
         for step in range(60):
             camera.publish(sent[step % len(sent)])
             await packet_of(page)
-            await asyncio.sleep(0.02)
+            await pause_loop(0.02)
         state = await silent.status(lambda state: state['sent'])
         while not state['sent']['skipped']:
             camera.publish(sent[0])

@@ -86,7 +86,7 @@ class VideoServer:
         """
         #: URL for the client.
         self.url = f'{scheme}://127.0.0.1:{free_port()}' + '/live' * (scheme != 'tcp')
-        url = self.url + '?listen=1&listen_timeout=30000' * (scheme == 'tcp')
+        url = self.url + '?listen=1&listen_timeout=600000' * (scheme == 'tcp')
         self.process = subprocess.Popen([sys.executable, '-c', _SCRIPT], stdin=subprocess.PIPE)
         assert self.process.stdin
         with self.process.stdin as pipe:
