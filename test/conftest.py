@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
@@ -274,9 +275,20 @@ def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
         spec.python = shlex.join([*own_namespaces.PREFIX, sys.executable])
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m leaves out tests by their marks
 def pytest_collection_modifyitems(
         config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark tests with ``process`` by their fixtures and folders, and mix the files for workers."""
+    """
+    Mark tests with ``process`` by their fixtures and folders, and mix the files for workers.
+
+    After the first cases of a test with the mark ``quick_cases`` the others are ``thorough``.
+    """
+    cases: Counter[str] = Counter()
+    for item in items:
+        if mark := item.get_closest_marker('quick_cases'):
+            cases[item.nodeid.partition('[')[0]] += 1
+            if cases[item.nodeid.partition('[')[0]] > mark.args[0]:
+                item.add_marker(pytest.mark.thorough)
     if 'PYTEST_XDIST_WORKER' in os.environ:
         # Tests that wait for processes run beside tests that compute.
         items.sort(key=lambda item: hashlib.sha256(item.path.name.encode()).digest())

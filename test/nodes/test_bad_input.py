@@ -217,6 +217,7 @@ def test_refused_arguments(run: Run, name: str, case: str) -> None:
     check_refusal(output, *texts)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.fresh
 @pytest.mark.parametrize(('name', 'case'), IN_A_PROCESS)
 def test_exit_of_a_refusing_process(start: Start, files: None, name: str, case: str) -> None:

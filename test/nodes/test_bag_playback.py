@@ -108,6 +108,7 @@ def test_clip_goes_through_topic_bag_topic_and_files(
             cv2.imread(str(tmp_path / 'out' / line['file'])), expected)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
 def test_bag_of_rosbags_in_every_encoding(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
@@ -180,6 +181,7 @@ def info_entry(number: int) -> Entry:
                  '/camera/camera_info', CAMERA_INFO)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('stamp', ['original', 'capture'])
 def test_calibration_of_the_bag_is_published_with_its_image(
         start: Start, node: Node, tmp_path: Path, stamp: str) -> None:
@@ -214,6 +216,7 @@ def test_damaged_calibration_is_replaced_by_that_of_the_camera(
     assert played.publisher.output.count('the camera_info of the bag is not used') == 1
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('stamp', ['original', 'publish'])
 def test_clock_has_the_time_of_each_frame(
         start: Start, node: Node, tmp_path: Path, stamp: str) -> None:
@@ -252,6 +255,7 @@ def write_long_bag(path: Path) -> Path:
     return path
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_while_a_bag_is_read(start: Start, tmp_path: Path, number: int) -> None:
     write_long_bag(tmp_path / 'long.mcap')
@@ -262,6 +266,7 @@ def test_interrupt_while_a_bag_is_read(start: Start, tmp_path: Path, number: int
     assert 'opened' not in publisher.output
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_interrupt_while_a_bag_is_read_for_a_conversion(tmp_path: Path) -> None:
     path = write_long_bag(tmp_path / 'long.mcap')
@@ -285,6 +290,7 @@ def test_remedy_for_frames_that_have_no_colours(
         publisher.output)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('parameters', 'status', 'reason'), [
     ({'source': 'two.mcap'}, 1, 'two.mcap has 2 topics of images; set bag_topic, or --topic of '
      'the command, to one of /camera/image_raw (sensor_msgs/msg/Image, 1 messages), /depth'),

@@ -33,6 +33,7 @@ def numbers(*closed: str) -> list[int]:
     return [CLOSED.index(stream) for stream in closed]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('closed', [('2>&-',), CLOSED])
 def test_nodes_work_without_standard_streams(
         closed: tuple[str, ...], start: Start, tmp_path: Path) -> None:
@@ -48,6 +49,7 @@ def test_nodes_work_without_standard_streams(
     assert publisher.finish() == 0, publisher.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize('closed', [('>&-',), ('2>&-',), CLOSED])
 def test_robot_commands_work_without_standard_streams(

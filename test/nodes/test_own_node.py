@@ -83,6 +83,7 @@ EDGES: dict[str, tuple[str, dict[str, str]]] = {
         'encoding': 'mono8', 'transport': 'compressed', 'every': 'true'})}
 
 
+@pytest.mark.thorough
 def test_edges_of_the_same_stamp(start: Start, node: Node) -> None:
     sources, *received = receive(node, 'video_frames', *EDGES)
     publisher = start('img_publisher', source='pattern:160x120@20', publish_rate=0.0,
@@ -102,6 +103,7 @@ def test_edges_of_the_same_stamp(start: Start, node: Node) -> None:
     assert publisher.is_running()
 
 
+@pytest.mark.thorough
 def test_interrupted_demo(start: Start, tmp_path: Path) -> None:
     script = tmp_path / 'examples' / 'demo.py'  # a copy, because it writes to the project
     script.parent.mkdir()
@@ -117,6 +119,7 @@ def test_interrupted_demo(start: Start, tmp_path: Path) -> None:
     assert 'Published 90' not in demo.output  # the nodes were ended
 
 
+@pytest.mark.thorough
 def test_slow_detector(start: Start, node: Node) -> None:
     texts: list[str] = []
     node.create_subscription(String, 'detections', lambda message: texts.append(message.data), 10)
@@ -129,6 +132,7 @@ def test_slow_detector(start: Start, node: Node) -> None:
     assert set(texts) == {''}
 
 
+@pytest.mark.thorough
 def test_two_cameras(start: Start, node: Node) -> None:
     lefts, rights, both = receive(node, 'left/video_frames', 'right/video_frames', 'both')
     for side in ('left', 'right'):
@@ -144,6 +148,7 @@ def test_two_cameras(start: Start, node: Node) -> None:
     assert cameras.finish() == 0
 
 
+@pytest.mark.thorough
 def test_rectified_images(start: Start, node: Node, tmp_path: Path) -> None:
     (tmp_path / 'front.yaml').write_text(CALIBRATION)
     sources, results = receive(node, 'video_frames', 'rectified')
@@ -165,6 +170,7 @@ def test_rectified_images(start: Start, node: Node, tmp_path: Path) -> None:
     assert rectifier.finish() == 0
 
 
+@pytest.mark.thorough
 def test_images_without_a_calibration(start: Start, node: Node) -> None:
     receive(node, 'rectified')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
@@ -174,6 +180,7 @@ def test_images_without_a_calibration(start: Start, node: Node) -> None:
     assert rectifier.finish() == 0
 
 
+@pytest.mark.thorough
 def test_brightness_of_every_frame(start: Start, tmp_path: Path) -> None:
     brightness = start('brightness.py')
     publisher = start('img_publisher', source=CLIP, publish_rate=0.0, wait_for_subscribers=1)
@@ -263,6 +270,7 @@ def send_until(process: NodeProcess, camera: Camera, node: Node,
     spin_until(node, holds)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('every', [False, True])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_callback_slower_than_a_camera_that_shares(
@@ -279,6 +287,7 @@ def test_callback_slower_than_a_camera_that_shares(
     assert slow.finish() == 0
 
 
+@pytest.mark.thorough
 def test_filter_slower_than_a_camera_that_shares(
         start: Start, camera: Node, tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(
@@ -294,6 +303,7 @@ def test_filter_slower_than_a_camera_that_shares(
     assert slow.finish() == 0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('transport', ['raw', 'shm'])
 def test_mirror_of_the_same_stamp(start: Start, node: Node, transport: str) -> None:
     (sources,) = receive(node, 'video_frames')
@@ -328,6 +338,7 @@ def fill(image, factor, out):
 """
 
 
+@pytest.mark.thorough
 def test_function_without_subscribers(start: Start, tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(MODULE)
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
@@ -358,6 +369,7 @@ def test_filter_whose_results_have_no_compressed_form(
     assert filtering.output.count('filtered_frames/compressed is not published: 16SC2') == 1
 
 
+@pytest.mark.thorough
 def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
     (results,) = receive(node, 'filtered_frames')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
@@ -367,6 +379,7 @@ def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
     assert max(results) - min(results) > (len(results) - 2.3) * 10**9 / 4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('function', ['both', 'fill'])
 def test_functions_of_the_working_folder(
         start: Start, node: Node, tmp_path: Path, function: str) -> None:
@@ -423,6 +436,7 @@ def test_filter_of_a_function(start: Start, node: Node, tmp_path: Path) -> None:
     assert all(stamp % 2 == 0 and (image == stamp // 2).all() for stamp, image in halves.items())
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('parameters', 'text'), [
     ({}, "parameter function is '': give module:function, for example cv2:Canny"),
     ({'function': 'cv2:Cany'}, "AttributeError: module 'cv2' has no attribute 'Cany'"),

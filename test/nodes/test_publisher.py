@@ -120,6 +120,7 @@ projection_matrix: {rows: 3, cols: 4, data: [480, 0, 322, 0, 0, 481, 239, 0, 0, 
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('size', 'focal_length'), [('640x480', 500.5), ('320x240', 250.25),
                                                     ('640x360', 0.0)])
 def test_camera_info_of_each_image(
@@ -333,6 +334,7 @@ def test_refused_changes(start: Start, node: Node) -> None:
         assert reason in set_parameters(node, **{name: value})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('stamp', 'offset'), [('capture', -12.5), ('publish', 3.0)])
 def test_increasing_stamps_in_ros_time(
         start: Start, node: Node, stamp: str, offset: float) -> None:

@@ -72,6 +72,7 @@ def publisher(node: Node) -> Publisher:
     return create_publisher(node)
 
 
+@pytest.mark.thorough
 def test_clip_pixel_for_pixel(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name=BAG,
                        max_frames=CLIP_FRAMES, timeout=60, on_overflow='block')
@@ -184,6 +185,7 @@ def test_huge_camera_info_is_refused(
     assert len(read_by_all(tmp_path / 'out' / BAG)) == 1
 
 
+@pytest.mark.thorough
 def test_publish_time_and_number_of_each_transport(
         start: Start, camera: Node, tmp_path: Path) -> None:
     ours = Camera(camera)

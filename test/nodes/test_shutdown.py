@@ -41,6 +41,7 @@ IGNORING_SIGHUP = ('sh', '-c', 'trap "" HUP && exec "$0" "$@"')
 SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 
 
+@pytest.mark.quick_cases(1)
 @SIGNALS
 def test_clean_exit_of_both_nodes(
         start: Start, tmp_path: Path, number: int) -> None:
@@ -70,6 +71,7 @@ def test_clean_exit_of_both_nodes(
     assert not [segment for segment in segments if segment.exists()]
 
 
+@pytest.mark.quick_cases(2)
 @SIGNALS
 @pytest.mark.parametrize(('name', 'parameters', 'text'), [
     ('img_publisher', {'source': 'pattern', 'wait_for_subscribers': 1}, 'Waiting for 1'),
@@ -100,6 +102,7 @@ def test_queued_frames_are_written_at_exit(start: Start, tmp_path: Path) -> None
     assert len(read_pictures(tmp_path / 'out')) == written
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('name', 'queue_size'), [
     ('{seq:03d}.png', 10), ('{seq:03d}.png', 100), ('all.mkv', 10), ('all.mcap', 10)])
 def test_second_interrupt_of_a_blocking_recorder(
@@ -126,6 +129,7 @@ def test_second_interrupt_of_a_blocking_recorder(
     assert sum(line.get('frames', 1) for line in read_manifest(folder)) == numbers['written']
 
 
+@pytest.mark.thorough
 def test_signals_after_the_last_log_line(start: Start) -> None:
     subscriber = start('img_subscriber', max_frames=3)
     publisher = start('img_publisher', source='pattern', max_frames=3, wait_for_subscribers=1)
@@ -138,6 +142,7 @@ def test_signals_after_the_last_log_line(start: Start) -> None:
         assert process.finish() == 0, process.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize('within', [(), IGNORING_SIGHUP], ids=['as usual', 'as by nohup'])
 def test_recording_after_hangup(

@@ -74,6 +74,7 @@ def test_video_file(start: Start, node: Node) -> None:
     assert_equal(received, decode_clip(5))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['in', 'in/*.png', 'in/[0-2].png'])
 def test_folder_and_glob(
         start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray], name: str) -> None:
@@ -90,6 +91,7 @@ def test_relative_path(
     assert_equal(receive(start, node, 1, source='in/2.png'), pictures[2:])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('on_end', 'order'), [
     ('stop', [0, 1, 2]), ('loop', [0, 1, 2, 0, 1, 2, 0]), ('hold', [0, 1, 2, 2, 2])])
 def test_end_of_a_source(
@@ -99,6 +101,7 @@ def test_end_of_a_source(
     assert_equal(received, [pictures[number] for number in order])
 
 
+@pytest.mark.thorough
 def test_video_loop(start: Start, node: Node) -> None:
     received = receive(
         start, node, 95, source=CLIP, on_end='loop', max_frames=95, encoding='mono8')
@@ -162,6 +165,7 @@ def server() -> Iterator[ThreadingHTTPServer]:
         running.shutdown()
 
 
+@pytest.mark.thorough
 def test_file_on_a_web_server(
         start: Start, node: Node, server: ThreadingHTTPServer) -> None:
     url = f'http://127.0.0.1:{server.server_port}/clip.mp4'

@@ -115,6 +115,7 @@ def check_end(case: Case, process: subprocess.Popen[bytes], console: Path, numbe
     assert 'Traceback' not in console.read_text()
 
 
+@pytest.mark.quick_cases(1)
 @EVERY_CASE
 def test_signal_at_each_step_of_the_start(case: Case, tmp_path: Path) -> None:
     for index, step in enumerate(case.steps):

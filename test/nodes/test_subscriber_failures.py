@@ -183,6 +183,7 @@ def test_full_disk_that_gets_room_again(
          'of which ten were deleted in between')
 
 
+@pytest.mark.thorough
 def test_folder_that_is_read_only_for_a_while(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
@@ -229,6 +230,7 @@ def test_removed_folder_is_created_again(
     assert len(recorded_files(folder)) == 20
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('writers', [1, 2])
 def test_every_frame_is_counted_with_slow_writers(
         start: Start, node: Node, tmp_path: Path, writers: int, tell: Tell) -> None:

@@ -89,6 +89,7 @@ def views_of(output: str) -> int:
     return int((re.findall(r'views: (\d+)', output) or ['0'])[-1])
 
 
+@pytest.mark.thorough
 @needs_markers
 @pytest.mark.process
 def test_two_cameras_until_all_views_are_there(
@@ -125,6 +126,7 @@ def test_two_cameras_until_all_views_are_there(
     np.testing.assert_allclose(left.k, wide_camera(640, 360).k.ravel(), atol=1.0)
 
 
+@pytest.mark.thorough
 @needs_markers
 def test_one_camera_until_an_interrupt(
         start: Start, calibrate: Callable[..., NodeProcess], tmp_path: Path) -> None:
@@ -138,6 +140,7 @@ def test_one_camera_until_an_interrupt(
     np.testing.assert_allclose(read_camera(tmp_path / 'a.yaml').k, truth.k.ravel(), atol=2.0)
 
 
+@pytest.mark.thorough
 def test_cameras_of_different_times(
         start: Start, calibrate: Callable[..., NodeProcess], tmp_path: Path) -> None:
     for side, offset in (('left', 0.0), ('right', 5.0)):

@@ -176,6 +176,7 @@ def assert_played(
     assert f'; {2 * (3 * (COUNT - 1) + 1)} messages of other topics' in publisher.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('limits', [
     {}, {'split_bytes': 20_000, 'file_name': 'a{seq}.mcap'}, {'every_n': 10, 'queue_size': 1}])
 @pytest.mark.parametrize('overflow', ['drop', 'block'])
@@ -250,6 +251,7 @@ def mute(node: Node) -> Any:
     found.destroy_node()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('texts', 'said'), [
     ({}, 'is not installed, and /mute does not know its text'),
     ({GRIPPER: 'string name\n'}, f'the definition of {GRIPPER} of /mute is not that of its'),

@@ -155,6 +155,7 @@ def test_busy_page_gets_the_newest_frame_and_delays_no_other(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_reads_nothing_delays_no_other(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image')
     noise = np.random.default_rng(5).integers(0, 255, (1080, 1920, 3), np.uint8)
@@ -228,6 +229,7 @@ def test_publisher_restarts_with_another_size_and_transport(
     run_page(look())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('number', 'transport'), [
     (signal.SIGINT, 'raw'), (signal.SIGKILL, 'auto')])
 def test_camera_that_starts_again(
@@ -255,6 +257,7 @@ def test_camera_that_starts_again(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
     jpeg = encode_image(gradient(320, 240), '.jpg').tobytes()
@@ -276,6 +279,7 @@ def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node)
     assert 'frame of /image left out' in viewer.output
 
 
+@pytest.mark.thorough
 def test_reason_of_a_broken_image(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image')
 
@@ -311,6 +315,7 @@ def large_jpeg() -> bytes:
     return encode_image(noise, '.jpg', 100).tobytes()
 
 
+@pytest.mark.thorough
 def test_answer_to_a_picture_that_is_not_sent(
         viewer: NodeProcess, node: Node, large_jpeg: bytes) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
@@ -335,6 +340,7 @@ def test_answer_to_a_picture_that_is_not_sent(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_unread_pictures_of_topics_that_a_page_has_left(
         viewer: NodeProcess, node: Node, large_jpeg: bytes) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
@@ -437,6 +443,7 @@ def test_reason_of_silence_and_the_chosen_topics(start: Start, node: Node) -> No
     assert cameras[2].publisher.get_subscription_count() == 0
 
 
+@pytest.mark.thorough
 def test_rate_is_limited(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, rate=2.0)
     camera = Camera(node, 'image')
@@ -562,6 +569,7 @@ def test_questions_about_the_pixels_of_the_shown_frame(viewer: NodeProcess, node
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_region_of_a_large_image(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'front', latched=True)
     image = gradient(3840, 2160)
@@ -690,6 +698,7 @@ def test_questions_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
     assert 'Traceback' not in viewer.output
 
 
+@pytest.mark.thorough
 def test_steps_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'front', latched=True)
     camera.publish(GRAY)
@@ -792,6 +801,7 @@ def test_port_in_use(start: Start, viewer: NodeProcess) -> None:
     assert viewer.is_running()
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(('parameters', 'status', 'sentence'), [
     ({'address': '192.0.2.1'}, 1, 'port 8080 of 192.0.2.1 cannot be used: Cannot assign'),
     ({'address': 'no.such.host.invalid'}, 1, "address 'no.such.host.invalid' is unknown"),

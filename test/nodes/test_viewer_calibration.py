@@ -105,6 +105,7 @@ def read(node: Node, publish: Callable[[], object]) -> Former:
     return found
 
 
+@pytest.mark.thorough
 def test_whole_calibration(start: Start, url: str, node: Node, tmp_path: Path) -> None:
     truth = held_board(tmp_path / 'pictures', 12)
     start('img_publisher', source=tmp_path / 'pictures', publish_rate=RATE, loop=0, flip='both',
@@ -154,6 +155,7 @@ def test_whole_calibration(start: Start, url: str, node: Node, tmp_path: Path) -
     np.testing.assert_allclose(restored.k, former.k)
 
 
+@pytest.mark.thorough
 def test_camera_without_the_service(url: str, node: Node) -> None:
     truth, board = wide_camera(640, 360), parse_board(BOARD)
     camera = Camera(node, 'front/image')
@@ -182,6 +184,7 @@ def test_camera_without_the_service(url: str, node: Node) -> None:
     run_page(act())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('path', [
     '/calibrate?topic=/image', '/calibrate/ws?topic=/image', '/calibrate/board',
     '/calibrate/camera.yaml?topic=/image'])
@@ -277,6 +280,7 @@ def test_number_of_sessions(url: str, node: Node) -> None:
     assert len(cameras) == 5
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('message', [
     '', '[]', '5', '{"a": 1}', '{"board": NaN}', '\0', '{' * 3000, b'\x00\x01'])
 def test_message_without_a_known_word(url: str, node: Node, message: str | bytes) -> None:
@@ -293,6 +297,7 @@ def test_message_without_a_known_word(url: str, node: Node, message: str | bytes
     camera.destroy()
 
 
+@pytest.mark.thorough
 def test_flood_of_refused_actions(url: str, node: Node) -> None:
     camera = Camera(node, 'image')
 
@@ -420,6 +425,7 @@ def test_former_calibration_without_known_senders(
         None, 'no /front/camera_info of the camera arrived, and other nodes publish it: /plain')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('fields', 'problem'), [
     ({'k': [0.0] * 9}, 'there was no calibration before'),
     ({'fx': float('nan')}, 'the calibration before has numbers that are not finite'),

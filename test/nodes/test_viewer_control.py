@@ -149,6 +149,7 @@ def odd_camera(domain: int) -> Iterator[OddCamera]:
 TEXT, UNSET = ParameterValue(type=4, string_value='b'), ParameterValue()
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('answers', 'sentence'), [
     ({'results': []}, '/odd has given 0 answers about one parameter'),
     ({'results': [SetParametersResult()] * 3}, '/odd has given 3 answers about one parameter'),
@@ -178,6 +179,7 @@ def test_odd_answers_of_a_camera(
     assert viewer.is_running()
 
 
+@pytest.mark.thorough
 def test_pictures_while_a_camera_does_not_answer(
         start: Start, odd_camera: OddCamera) -> None:
     viewer = start('img_viewer', port=0, control='true')

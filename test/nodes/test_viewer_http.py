@@ -134,6 +134,7 @@ def test_token_of_the_url_becomes_a_cookie(guarded: NodeProcess) -> None:
     run_page(ask())
 
 
+@pytest.mark.thorough
 def test_token_of_a_file_is_kept(start: Start, tmp_path: Path) -> None:
     tokens = set()
     for _ in range(2):
@@ -223,6 +224,7 @@ def test_other_addresses_have_a_token(start: Start) -> None:
     assert others == [] or ipaddress.ip_address(others[0])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', 'localhost.evil.example'])
 def test_foreign_host_is_refused(shared: NodeProcess, host: str) -> None:
     async def ask() -> None:
@@ -361,6 +363,7 @@ def test_topics_and_their_state(viewer: NodeProcess, node: Node) -> None:
     run_page(ask())
 
 
+@pytest.mark.thorough
 def test_topic_beyond_the_list(viewer: NodeProcess, node: Node) -> None:
     for number in range(MAX_TOPICS + 5):
         node.create_publisher(Image, f'a/t{number}', 1)
@@ -442,6 +445,7 @@ def test_original_of_a_camera_with_raw_and_compressed(viewer: NodeProcess, node:
     run_page(ask())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('encoding', 'suffix'), [('32FC1', 'tiff'), ('64FC2', 'npy')])
 def test_snapshot_in_the_first_lossless_format(
         viewer: NodeProcess, node: Node, encoding: str, suffix: str) -> None:
@@ -493,6 +497,7 @@ def test_snapshot_of_a_compressed_topic_is_unchanged(viewer: NodeProcess, node: 
         run_page(ask())
 
 
+@pytest.mark.thorough
 def test_unread_snapshot_is_a_viewer(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, viewers=1)
     camera = Camera(node, 'map', latched=True)
@@ -651,6 +656,7 @@ def test_page_of_a_stream(shared: NodeProcess) -> None:
     assert '<script' not in text
 
 
+@pytest.mark.thorough
 def test_tls(start: Start, tmp_path: Path) -> None:
     certificate, key = tmp_path / 'certificate.pem', tmp_path / 'key.pem'
     subprocess.run(

@@ -50,6 +50,7 @@ async def open_page(viewer: NodeProcess, *topics: str) -> Page:
     return page
 
 
+@pytest.mark.thorough
 def test_only_published_topics_of_boxes(viewer: NodeProcess, node: Node) -> None:
     Camera(node, '/image', latched=True).publish(GRAY)
     detector = Detector(node, '/boxes', LATCHED)
@@ -72,6 +73,7 @@ def test_only_published_topics_of_boxes(viewer: NodeProcess, node: Node) -> None
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_topic_of_boxes_that_ends_and_comes_again(viewer: NodeProcess, node: Node) -> None:
     Camera(node, '/image', latched=True).publish(GRAY)
     boxes = [(1.0, 2.0, 3.0, 4.0, 0.0, 'cup', 0.5)]
@@ -93,6 +95,7 @@ def test_topic_of_boxes_that_ends_and_comes_again(viewer: NodeProcess, node: Nod
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_topics_of_the_parameter(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, topics='/image,/boxes')
     Camera(node, '/image', latched=True).publish(GRAY)
@@ -136,6 +139,7 @@ def test_requests_that_are_refused(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_publisher_of_many_messages(viewer: NodeProcess, node: Node) -> None:
     Camera(node, '/image', latched=True).publish(GRAY)
     detector = Detector(node, '/boxes')

@@ -94,6 +94,7 @@ def viewer(start: Start) -> NodeProcess:
     return start('img_viewer', port=0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('type_name', [FFMPEG_PACKET, COMPRESSED_VIDEO])
 def test_packets_pass_byte_for_byte(type_name: str, viewer: NodeProcess, node: Node) -> None:
     camera, sent = Packets(node, '/front', type_name), packets('h264')
@@ -144,6 +145,7 @@ def test_damaged_packets_are_counted(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_new_subscription_for_a_key_frame(viewer: NodeProcess, node: Node) -> None:
     camera, sent = Packets(node, '/front'), packets('h264')
 
@@ -166,6 +168,7 @@ def test_new_subscription_for_a_key_frame(viewer: NodeProcess, node: Node) -> No
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_falls_behind_twice_gets_smaller_video(
         viewer: NodeProcess, node: Node) -> None:
     camera, order = Packets(node, '/front'), itertools.cycle(packets('h264'))
@@ -206,6 +209,7 @@ def test_page_that_falls_behind_twice_gets_smaller_video(
     run_page(look())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('announced', [None, [], ['av1']])
 def test_pages_without_the_codec_get_jpeg(
         announced: list[str] | None, viewer: NodeProcess, node: Node) -> None:
@@ -229,6 +233,7 @@ def test_pages_without_the_codec_get_jpeg(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_snapshot_and_stream_of_a_video_topic(viewer: NodeProcess, node: Node) -> None:
     camera, (key, *_) = Packets(node, '/front'), packets('h264')
 
@@ -250,6 +255,7 @@ def test_snapshot_and_stream_of_a_video_topic(viewer: NodeProcess, node: Node) -
     run_page(look())
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('message', [
     {'codecs': 'h264'}, {'codecs': [1]}, {'codecs': ['h264'] * 99}, {'key': 5}, {'key': ''}])
 def test_hostile_messages(message: dict[str, Any], viewer: NodeProcess) -> None:
@@ -262,6 +268,7 @@ def test_hostile_messages(message: dict[str, Any], viewer: NodeProcess) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_reads_no_video(viewer: NodeProcess, node: Node) -> None:
     camera, sent = Packets(node, '/front'), packets('h264')
 
@@ -284,6 +291,7 @@ def test_page_that_reads_no_video(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_width_of_the_node_needs_jpeg(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, width=80)
     camera, (key, *_) = Packets(node, '/front'), packets('h264', 320, 240)

@@ -113,6 +113,7 @@ def test_overridden_callback(
     assert len(recorded_files(tmp_path)) == 1
 
 
+@pytest.mark.thorough
 def test_exact_sum_of_20000_frames(
         create: Create, camera: Node, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     subscriber, executor = create(

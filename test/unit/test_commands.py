@@ -52,6 +52,7 @@ def test_imports_before_signals_are_handled() -> None:
     assert int(count) < 30 and slow == 'set()'
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.process
 @pytest.mark.parametrize(('command', 'asked', 'threads'), [
     ('img_convert', '', '1'), ('img_viewer', '', '1'), ('robot_frames', '', '1'),

@@ -73,6 +73,7 @@ def test_folder_of_images(folders: tuple[Path, Path], tmp_path: Path,
     assert capsys.readouterr().out.endswith('\nVerdict: good\n')
 
 
+@pytest.mark.thorough
 def test_degraded_calibration_of_a_glob(folders: tuple[Path, Path], tmp_path: Path,
                                         capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / 'camera.yaml'
@@ -86,6 +87,7 @@ def test_degraded_calibration_of_a_glob(folders: tuple[Path, Path], tmp_path: Pa
     assert target.read_text() == text
 
 
+@pytest.mark.thorough
 def test_two_cameras(folders: tuple[Path, Path], tmp_path: Path,
                      capsys: pytest.CaptureFixture[str]) -> None:
     targets = tmp_path / 'left.yaml', tmp_path / 'right.yaml'
@@ -100,6 +102,7 @@ def test_two_cameras(folders: tuple[Path, Path], tmp_path: Path,
     assert 'the left camera is at the right: swap the two' in capsys.readouterr().err
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('suffix', ['mp4', 'mcap'])
 def test_video_and_bag_of_still_boards(folders: tuple[Path, Path], tmp_path: Path, suffix: str,
                                        capsys: pytest.CaptureFixture[str]) -> None:
@@ -235,6 +238,7 @@ def test_unequal_numbers_of_images(folders: tuple[Path, Path], tmp_path: Path,
     assert 'the left camera has 9 images, the right one 8: give' in capsys.readouterr().err
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize('kind', ['full', 'pipe'])
 def test_report_that_cannot_be_written(

@@ -415,6 +415,7 @@ def test_missing_library_is_named_with_its_remedy(
     assert capsys.readouterr().err.count("install it with 'pip install mcap'") == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('name', ['clip.mkv', 'clip.mcap', '{seq}.png'])
 def test_account_of_an_interrupted_conversion(tmp_path: Path, name: str) -> None:

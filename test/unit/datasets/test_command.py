@@ -53,6 +53,7 @@ def words_of(bags: Path, *words: object) -> Sequence[object]:
             *words)
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('has_old', [False, True])
 def test_killed_at_any_moment(has_old: bool, bags: Path, tmp_path: Path) -> None:
@@ -177,6 +178,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize(('end', 'jobs'), [
     (signal.SIGINT, 1), (signal.SIGINT, 2), (signal.SIGTERM, 2), (signal.SIGKILL, 2)])

@@ -75,6 +75,7 @@ def workers() -> list[int]:
     return [int(pid) for pid in children]
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_killed_worker_costs_no_bag(tmp_path: Path) -> None:
     drive = Drive(seconds=1)

@@ -162,6 +162,7 @@ def switching_threads(*modules: str) -> Iterator[list[BaseException]]:
         sys.setswitchinterval(interval)
 
 
+@pytest.mark.thorough
 def test_timer_beside_a_callback_that_never_waits(camera: Node, node: Node) -> None:
     ours = Camera(camera)
     ticks: list[int] = []
@@ -193,6 +194,7 @@ def test_service_without_a_writer(camera: Node, node: Node) -> None:
     assert receiver.numbers == sorted(set(receiver.numbers))
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('liar', ['neighbour', 'camera'])
 @pytest.mark.parametrize('frames', [1, 5, 20])
 def test_service_that_opens_and_one_that_does_not(
@@ -211,6 +213,7 @@ def test_service_that_opens_and_one_that_does_not(
     receiver.subscriber.destroy()
 
 
+@pytest.mark.thorough
 def test_changes_in_an_executor_of_several_threads(camera: Node, node: Node) -> None:
     ours = Camera(camera)
     receiver = Receiver(node)
@@ -240,6 +243,7 @@ def test_changes_in_an_executor_of_several_threads(camera: Node, node: Node) -> 
     receiver.subscriber.destroy()
 
 
+@pytest.mark.thorough
 def test_calibration_of_frames_at_full_speed(camera: Node, node: Node) -> None:
     ours = Camera(camera)
     infos = camera.create_publisher(CameraInfo, '/camera_info', 10)

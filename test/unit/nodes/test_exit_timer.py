@@ -51,6 +51,7 @@ sys.exit(main(Endless, sys.argv[:1]))
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize(('result', 'status', 'output'), [
     (0, 0, 'closed\n'), (2, 2, 'closed\n'), (3, 1, '')])

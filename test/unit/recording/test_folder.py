@@ -121,6 +121,7 @@ def leave_behind(folder: Path, kill_in: str) -> None:
     assert died.returncode == 9
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize(('kill_in', 'is_there'), [
     ('link', False), ('unlink', True), ('append', True)])

@@ -486,6 +486,7 @@ def kept_numbers(folder: Path) -> list[int]:
     return numbers
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 @pytest.mark.parametrize(('limits', 'least'), [
     (Limits(max_bytes=300_000, ring=True), 50),
@@ -521,6 +522,7 @@ def test_ring_deletes_videos_of_earlier_recordings_only(tmp_path: Path) -> None:
     assert kept == [*range(kept[0], 60)] and 36 <= len(kept) <= 40
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 @pytest.mark.parametrize('frames', [4, 6, 15, 25])
 def test_frames_that_are_large_for_a_ring(tmp_path: Path, suffix: str, frames: int) -> None:

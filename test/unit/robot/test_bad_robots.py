@@ -334,6 +334,7 @@ def test_endless_device() -> None:
     assert '/dev/zero' in message
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_memory_for_many_dashes_in_comments(tmp_path: Path) -> None:
     path = tmp_path / 'robot.sdf'
@@ -383,6 +384,7 @@ def test_full_disk(unbuffered: str) -> None:
     assert 'No space left' in _one_line(done.stderr, 'urdf_to_sdf')
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @BUFFERS
 def test_closed_pipe(unbuffered: str, tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ import pytest
 from waiting import LONGEST_SECONDS
 
 
+@pytest.mark.thorough
 def test_colours_of_a_png_file(tmp_path: Path) -> None:
     from matplotlib.image import imread
     path = tmp_path / 'robot.PNG'
@@ -40,6 +41,7 @@ def test_colours_of_a_png_file(tmp_path: Path) -> None:
         assert (abs(picture[..., :3] - wanted).max(axis=2) < 0.02).sum() > 100
 
 
+@pytest.mark.thorough
 def test_reproducible_svg_without_a_date(tmp_path: Path) -> None:
     one, other = tmp_path / 'one.svg', tmp_path / 'other.svg'
     for path in (one, other):
@@ -74,6 +76,7 @@ def test_late_import_of_matplotlib_and_numpy() -> None:
     subprocess.run([sys.executable, '-c', script], check=True, timeout=LONGEST_SECONDS)
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_no_remaining_figures_and_settings(tmp_path: Path) -> None:
     script = ('import matplotlib, sys; before = matplotlib.rcParams.copy(); '

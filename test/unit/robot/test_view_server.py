@@ -271,6 +271,7 @@ def test_limit_of_connections(server: Server) -> None:
     assert len(connections) == _MAX_CONNECTIONS + 1
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('host', 'status'), [
     ('localhost', 200), ('127.0.0.1', 200), ('example.org', 403), ('localhost.example.org', 403),
     ('192.168.1.5', 403)])

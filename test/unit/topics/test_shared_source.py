@@ -58,6 +58,7 @@ def test_change_to_shared_memory(viewer: Viewer, camera: Node) -> None:
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('end', ['goes on', 'ends'])
 def test_frames_that_wait_for_a_busy_executor(viewer: Viewer, camera: Node, end: str) -> None:
     # Messages wait for the executor while shared frames already arrive.
@@ -96,6 +97,7 @@ def test_executor_that_loses_a_wake_up(
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     viewer.match(ours)
@@ -134,6 +136,7 @@ def test_publisher_and_subscriber_of_one_node(viewer: Viewer) -> None:
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     viewer.match(ours)
@@ -148,6 +151,7 @@ def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 def test_publisher_that_starts_again(viewer: Viewer, camera: Node) -> None:
     for turn in range(20):
         ours = Camera(camera, f'turn{turn}')
@@ -178,6 +182,7 @@ def test_overwritten_frames_are_counted(
     assert viewer.count + viewer.missed == ours.sent
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('depth', [1, None])
 def test_overwritten_frames_before_the_image_topic_are_counted(
         view: Callable[..., Viewer], camera: Node, depth: int | None) -> None:
@@ -272,6 +277,7 @@ def test_view_outlives_subscription_and_node(domain: int, camera: Node) -> None:
     assert all(map(is_picture, frames))
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('changed', [
     {}, {'service': '0' * 32}, {'service': ''}, {'boot': '0' * 36}, {'version': 7}],
     ids=['repeated', 'of nobody', 'withdrawn', 'of another host', 'of another version'])
@@ -505,6 +511,7 @@ def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
     assert (numbers, queue.skipped) == ([*range(1, MAX_DEPTH + 1)], 0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('is_shared', [False, True])
 def test_message_that_was_not_published(
         viewer: Viewer, camera: Node, monkeypatch: pytest.MonkeyPatch, is_shared: bool) -> None:

@@ -673,6 +673,7 @@ def remapped(domain: int) -> Iterator[Callable[[str], Node]]:
         destroy(created)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('transport', 'message_type', 'target', 'topic'), [
     ('auto', Image, '/camera/image_raw', '/camera/image_raw'),
     ('auto', CompressedImage, '/camera/image_raw', '/camera/image_raw/compressed'),

@@ -184,6 +184,7 @@ def test_no_warning_about_frames_that_fit(
     assert made.size_warning(FULL_HD) == ''
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_page_faults_of_reused_frames(tell: Callable[[str], None]) -> None:
     def faults(transport: str) -> float:
@@ -228,6 +229,7 @@ def test_profile_file_of_the_user(tmp_path: Path, name: str) -> None:
     assert made == FastDdsSetup(f'Fast DDS and malloc are not configured: {name} exists')
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('transport', 'summary', 'is_large'), [
     ('', '16 MB of shared memory', True),
     ('default', 'not configured: OPENCV_TOOLS_TRANSPORT is default', False)])

@@ -267,6 +267,7 @@ print('sent', sent)
 """
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.process
 @pytest.mark.parametrize(('megabytes', 'size', 'refused'), [
     (4, 6220800, True), (14, 6220800, True), (32, 6220800, True), (64, 6220800, True),
@@ -312,6 +313,7 @@ print(sent)
 """
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.process
 @pytest.mark.parametrize('size', [3500, 4096, 10000])
 @pytest.mark.parametrize('sent_before', [2, 5, 7])

@@ -294,6 +294,7 @@ def test_read_only_data_after_the_subscription(
             np.frombuffer(message.data, np.uint8)[0] = 1
 
 
+@pytest.mark.quick_cases(1)
 @READERS
 def test_memory_of_taken_messages(
         publisher: Publisher, subscription: Subscription, tell: Callable[[str], None],

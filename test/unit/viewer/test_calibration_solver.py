@@ -44,6 +44,7 @@ def views() -> list[Detection]:
         poses(BOARD, camera, 10, seed=4, is_whole=True))]
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_solution_of_a_process(views: list[Detection]) -> None:
     found, verdict = asyncio.run(Solver().solve(views, PLUMB_BOB))
