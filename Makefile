@@ -1,9 +1,12 @@
 # make demo          run both nodes on a video and compare the recorded frames pixel by pixel
-# make test          build the package with colcon and run its tests
+# make lint          check the source: ruff, flake8, pep257, mypy, copyright, package.xml
+# make test          build the package with colcon and run its quick tests
+# make test-changed  run the quick tests that the difference from main reaches
+# make test-thorough run all targets from test-slow to test-arm64, three at a time
 # make unit          run the tests that start no process, in less than a minute
+# make test-slow     run the tests that take long: many killed processes, large frames, many pairs
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
 # make test-kilted   run the tests of the nodes with ROS 2 Kilted
-# make test-stress   run the tests with many killed processes, large frames or much memory
 # make test-browser  test the page of the viewer in a Chromium; needs root
 # make test-camera   test the publisher with a camera driver in a virtual machine; needs Debian
 # make test-network  test two hosts, and hosts with little shared memory; needs root
@@ -22,14 +25,14 @@
 # and its dependencies (.venv/installed), docs also Sphinx (.venv/docs), the other targets also those
 # of the tests (.venv/dev).
 #
-# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-stress, test-browser, test-network,
+# If ROS 2 Jazzy is sourced, the targets demo, test, unit, test-slow, test-browser, test-network,
 # test-interop, test-docs, bench, docs and soak use it and install nothing, except that test-interop
 # installs its parsers with apt-get.
 
 SHELL := bash
 .DELETE_ON_ERROR:
-.PHONY: demo test unit test-oldest test-kilted test-stress test-browser test-camera test-network \
-  test-interop test-ray test-lerobot test-arm64 test-docs bench docs soak clean
+.PHONY: demo lint test test-changed test-thorough unit test-oldest test-kilted test-slow test-browser \
+  test-camera test-network test-interop test-ray test-lerobot test-arm64 test-docs bench docs soak clean
 
 PYTHON ?= python3
 
@@ -42,6 +45,10 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
   AMENT_PREFIX_PATH='$(CURDIR)/$(1)' ROS_DISTRO=$(or $(filter kilted,$(1:.venv-%=%)),jazzy) ROS_VERSION=2 ROS_PYTHON_VERSION=3 \
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
+# What test-thorough runs, the longest first.
+GROUPS ?= test-oldest test-kilted test-slow test-browser test-interop test-arm64 test-camera \
+  test-network test-docs test-ray
+
 # The tests mostly wait for processes. Six workers keep two processors busy.
 WORKERS ?= 6
 
@@ -49,8 +56,9 @@ WORKERS ?= 6
 workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\
   --numprocesses=$(2) --dist=worksteal)
 
-# $(1): arguments of pytest. colcon does not read PYTEST_ADDOPTS.
-pytest_args = $(if $(strip $(1)),--pytest-args $(patsubst %,' %',$(1)))
+# $(1): further arguments of pytest. colcon does not read PYTEST_ADDOPTS. The linters have a target
+# of their own.
+pytest_args = --pytest-args ' -m' ' not linter and not thorough' $(patsubst %,' %',$(1))
 
 # $(1): environment of the command; $(2): prefix of the folders build, install and log
 define colcon_test
@@ -66,7 +74,7 @@ endef
 
 # $(1): environment of the command
 define unit_test
-@$(1) python3 -m pytest --quiet -m 'not process and not stress' $(call workers,$(1),3)
+@$(1) python3 -m pytest --quiet -m 'not process and not thorough and not linter' $(call workers,$(1),3)
 endef
 
 # $(1): environment of the command; $(2): further options of Sphinx
@@ -104,11 +112,17 @@ docs:
 	  { echo 'Sphinx is missing: sudo apt install furo python3-myst-parser python3-sphinx'; exit 1; }
 	$(call build_docs,env PYTHONPATH="$(CURDIR):$$PYTHONPATH",)
 
-test-stress:
+lint:
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 -m pytest --quiet -m linter test/package
+
+test-changed:
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/changed.py
+
+test-slow:
 	@command -v colcon > /dev/null || \
 	  { echo 'colcon is missing: sudo apt install python3-colcon-common-extensions'; exit 1; }
 	@colcon build --event-handlers console_stderr-
-	@source install/local_setup.bash && python3 -m pytest --quiet -m stress
+	@source install/local_setup.bash && python3 -m pytest --quiet -m thorough
 
 test-browser:
 	@command -v colcon > /dev/null || \
@@ -151,10 +165,16 @@ unit: .venv/dev
 docs: .venv/docs
 	$(call build_docs,$(call in_venv,.venv),--fail-on-warning)
 
+lint: .venv/dev
+	@$(call in_venv,.venv) python -m pytest --quiet -m linter test/package
+
+test-changed: .venv/dev
+	@$(call in_venv,.venv) python test/changed.py
+
 # These tests wait even more.
-test-stress: WORKERS = 8
-test-stress: .venv/dev
-	@$(call in_venv,.venv) python -m pytest --quiet -m stress \
+test-slow: WORKERS ?= 8
+test-slow: .venv/dev
+	@$(call in_venv,.venv) python -m pytest --quiet -m thorough \
 	  $(call workers,$(call in_venv,.venv),$(WORKERS))
 
 test-browser: .venv/dev
@@ -170,6 +190,9 @@ test-docs: .venv/installed
 	@$(call in_venv,.venv) python test/support/typed_pages.py
 
 endif
+
+test-thorough: .venv/dev
+	@$(call in_venv,.venv) python test/thorough.py $(GROUPS)
 
 # The form of the package, bags, queues, signals and requests do not depend on the versions of numpy
 # and OpenCV.

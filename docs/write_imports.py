@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 import re
 
@@ -32,6 +33,7 @@ PAGE = Path(__file__).with_name('architecture.md')
 Graph = Mapping[str, frozenset[str]]
 
 
+@cache
 def module_imports() -> Graph:
     """
     Return the modules that each module of the package imports, without those of other packages.

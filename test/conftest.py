@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 import fcntl
+from functools import partial
 import hashlib
 import itertools
 import json
@@ -26,6 +28,7 @@ import os
 from pathlib import Path
 import re
 import resource
+import shlex
 import shutil
 import signal
 import subprocess
@@ -38,6 +41,7 @@ import cv2
 import hypothesis
 import numpy as np
 from opencv_tools.signals import END_SIGNALS
+import own_namespaces
 from prepared import programs
 import pytest
 from rcl_interfaces.srv import SetParameters
@@ -47,6 +51,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from waiting import LONGEST_SECONDS, pause, status_of, wait_until, work_of
 
 #: Python that prints the peak memory of its process in KB. ru_maxrss begins with the parent's.
 PRINT_PEAK_MEMORY = ('import pathlib; print(pathlib.Path("/proc/self/status").read_text()'
@@ -64,6 +69,16 @@ collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable
 
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
 pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
+
+# Nothing of the machine decides: a test sets the variables that it needs.
+for _name in tuple(os.environ):
+    if (re.match('ROS_|RMW_|RCUTILS_|FASTDDS_|FASTRTPS_|LC_|LANG', _name)
+            and _name not in ('ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION')
+            or _name.lower().endswith('_proxy')):
+        del os.environ[_name]
+os.environ.update(LANG='C.UTF-8', TZ='UTC')
+time.tzset()
+os.umask(0o022)
 
 # Processes inherit that a signal is ignored, as in the background of a script. Tests send them.
 for _number in END_SIGNALS:
@@ -95,7 +110,7 @@ def peak_memory(script: str, *arguments: object) -> int:
     """Return the peak memory in KB of a process that runs Python code to its end."""
     finished = subprocess.run(
         [sys.executable, '-c', f'{script}\n{PRINT_PEAK_MEMORY}', *map(str, arguments)],
-        capture_output=True, text=True, timeout=5 * DEADLINE, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     return int(finished.stdout)
 
@@ -129,11 +144,13 @@ class NodeProcess:
 
     def wait_until(self, condition: Callable[[str], bool], name: str = 'the condition') -> None:
         """Wait for a condition of the console output."""
-        deadline = time.monotonic() + DEADLINE
-        while not condition(self.output):
-            assert self._process.poll() is None, f'ended before {name}:\n{self.output}'
-            assert time.monotonic() < deadline, f'{name} did not come:\n{self.output}'
-            time.sleep(0.02)
+        def is_met() -> bool:
+            met = condition(self.output)
+            assert met or self.is_running(), f'ended before {name}:\n{self.output}'
+            return met
+
+        wait_until(is_met, name, output=lambda: self._log.stat().st_size,
+                   work=lambda: work_of(self.pid))
 
     def is_running(self) -> bool:
         """Return whether the process is running."""
@@ -141,10 +158,7 @@ class NodeProcess:
 
     def finish(self) -> int:
         """Wait for the end and return the exit status, -N after signal N."""
-        try:
-            status = self._process.wait(DEADLINE)
-        except subprocess.TimeoutExpired:
-            pytest.fail(f'did not end:\n{self.output}')
+        status = status_of(self._process, output=lambda: self._log.stat().st_size)
         assert 'Traceback' not in self.output, self.output
         return status
 
@@ -250,11 +264,38 @@ def _no_unmarked_process(
     monkeypatch.setattr(subprocess.Popen, '__init__', _start)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests with ``process`` by their fixtures and folders, and mix the files for workers."""
+def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
+    """Start each worker in namespaces of its own, apart from all other nodes of this machine."""
+    reason = own_namespaces.reason_against()
+    if reason:
+        config.get_terminal_writer().line(
+            f'the tests share /dev/shm and the loopback with other nodes: {reason}')
+        return
+    for spec in specs:
+        spec.python = shlex.join([*own_namespaces.PREFIX, sys.executable])
+
+
+@pytest.hookimpl(tryfirst=True)  # before -m leaves out tests by their marks
+def pytest_collection_modifyitems(
+        config: pytest.Config, items: list[pytest.Item]) -> None:
+    """
+    Mark tests with ``process`` by their fixtures and folders, and mix the files for workers.
+
+    After the first cases of a test with the mark ``quick_cases`` the others are ``thorough``.
+    """
+    cases: Counter[str] = Counter()
+    for item in items:
+        if mark := item.get_closest_marker('quick_cases'):
+            cases[item.nodeid.partition('[')[0]] += 1
+            if cases[item.nodeid.partition('[')[0]] > mark.args[0]:
+                item.add_marker(pytest.mark.thorough)
     if 'PYTEST_XDIST_WORKER' in os.environ:
         # Tests that wait for processes run beside tests that compute.
         items.sort(key=lambda item: hashlib.sha256(item.path.name.encode()).digest())
+    if 'OPENCV_TOOLS_ONLY' in os.environ:  # the tests that thorough.py runs again
+        only = Path(os.environ['OPENCV_TOOLS_ONLY']).read_text().splitlines()
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in only])
+        items[:] = [item for item in items if item.nodeid in only]
     for item in items:
         if item.path.parent.name in OWN_COMMAND or (
                 {'start', 'count', 'prefix', 'shared'} & set(getattr(item, 'fixturenames', ()))):
@@ -314,6 +355,8 @@ def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
                  tmp_path_factory: pytest.TempPathFactory) -> None:
     """Reserve a domain for a test that starts processes; one that has none can create no node."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
+    # Kept between runs for the fonts that matplotlib looks for.
+    monkeypatch.setenv('HOME', str(request.config.cache.mkdir('home')))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
     if request.node.get_closest_marker('process'):
@@ -401,7 +444,7 @@ def destroy(node: Node) -> None:
     """
     node.destroy_node()
     rclpy.shutdown(context=node.context)
-    time.sleep(0.03)
+    pause(0.03)
 
 
 @pytest.fixture
@@ -449,13 +492,11 @@ def executor_of(node: Node) -> Iterator[SingleThreadedExecutor]:
         executor.shutdown()
 
 
-def spin_until(node: Node, condition: Callable[[], bool]) -> None:
-    """Spin a node until a condition holds."""
-    deadline = time.monotonic() + DEADLINE
+def spin_until(node: Node, condition: Callable[[], bool], name: str = 'the condition',
+               **counters: Callable[[], object]) -> None:
+    """Spin a node until a condition holds; see `waiting.Watch`."""
     with executor_of(node) as executor:
-        while not condition():
-            assert time.monotonic() < deadline, 'the condition did not come to hold'
-            executor.spin_once(timeout_sec=0.05)
+        wait_until(condition, name, partial(executor.spin_once, timeout_sec=0.05), **counters)
 
 
 def call_service(node: Node, service_type: type, name: str, request: object) -> object:

@@ -63,6 +63,10 @@ PUBLISHER = {
         "be read: write '#' as %23 in the user name and the password"),
     'an empty list': (BAD_USAGE, {'topics': '[]'}, 'parameter topics is an empty list, which has '
                       'no type in ROS: leave it out'),
+    'a password that no URL can have': (
+        BAD_USAGE, {'source': 'rtsp://me:a#b@host/x'},
+        "parameter source is 'rtsp://***@host/x': in the user and the password write # / ? : [ ] "
+        '% as %23'),
     'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': give a camera"),
     'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'for example pattern:640x480@30'),
     'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},
@@ -217,6 +221,7 @@ def test_refused_arguments(run: Run, name: str, case: str) -> None:
     check_refusal(output, *texts)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.fresh
 @pytest.mark.parametrize(('name', 'case'), IN_A_PROCESS)
 def test_exit_of_a_refusing_process(start: Start, files: None, name: str, case: str) -> None:

@@ -26,7 +26,7 @@ from typing import Any
 
 from calibrations import CALIBRATION
 from conftest import (
-    CLIP, CLIP_FRAMES, DEADLINE, decode_clip, executable, NodeProcess, read_manifest, spin_until)
+    CLIP, CLIP_FRAMES, decode_clip, executable, NodeProcess, read_manifest, spin_until)
 import cv2
 from images import random_image
 import numpy as np
@@ -40,6 +40,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from waiting import communicate
 
 Start = Callable[..., NodeProcess]
 JPEG_BYTES = cv2.imencode('.jpg', random_image('bgr8', 16, 24))[1].tobytes()
@@ -81,7 +82,7 @@ def stamps(messages: list[Any]) -> list[int]:
     return [Time.from_msg(message.header.stamp).nanoseconds for message in messages]
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_clip_goes_through_topic_bag_topic_and_files(
         start: Start, node: Node, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir='bags', file_name='clip.mcap',
@@ -107,6 +108,7 @@ def test_clip_goes_through_topic_bag_topic_and_files(
             cv2.imread(str(tmp_path / 'out' / line['file'])), expected)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
 def test_bag_of_rosbags_in_every_encoding(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
@@ -179,6 +181,7 @@ def info_entry(number: int) -> Entry:
                  '/camera/camera_info', CAMERA_INFO)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('stamp', ['original', 'capture'])
 def test_calibration_of_the_bag_is_published_with_its_image(
         start: Start, node: Node, tmp_path: Path, stamp: str) -> None:
@@ -213,6 +216,7 @@ def test_damaged_calibration_is_replaced_by_that_of_the_camera(
     assert played.publisher.output.count('the camera_info of the bag is not used') == 1
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('stamp', ['original', 'publish'])
 def test_clock_has_the_time_of_each_frame(
         start: Start, node: Node, tmp_path: Path, stamp: str) -> None:
@@ -251,6 +255,7 @@ def write_long_bag(path: Path) -> Path:
     return path
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_interrupt_while_a_bag_is_read(start: Start, tmp_path: Path, number: int) -> None:
     write_long_bag(tmp_path / 'long.mcap')
@@ -261,6 +266,7 @@ def test_interrupt_while_a_bag_is_read(start: Start, tmp_path: Path, number: int
     assert 'opened' not in publisher.output
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_interrupt_while_a_bag_is_read_for_a_conversion(tmp_path: Path) -> None:
     path = write_long_bag(tmp_path / 'long.mcap')
@@ -269,7 +275,7 @@ def test_interrupt_while_a_bag_is_read_for_a_conversion(tmp_path: Path) -> None:
         assert process.stderr is not None
         assert 'from its begin to its end' in process.stderr.readline()
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=DEADLINE)
+        _, errors = communicate(process)
     assert process.returncode == 1
     assert errors == 'img_convert: error: interrupted before the first frame\n'
 
@@ -284,6 +290,7 @@ def test_remedy_for_frames_that_have_no_colours(
         publisher.output)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('parameters', 'status', 'reason'), [
     ({'source': 'two.mcap'}, 1, 'two.mcap has 2 topics of images; set bag_topic, or --topic of '
      'the command, to one of /camera/image_raw (sensor_msgs/msg/Image, 1 messages), /depth'),

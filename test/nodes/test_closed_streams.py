@@ -21,8 +21,9 @@ from pathlib import Path
 import subprocess
 
 from closed_streams import CLOSED, closing
-from conftest import DEADLINE, executable, NodeProcess, read_manifest
+from conftest import executable, NodeProcess, read_manifest
 import pytest
+from waiting import LONGEST_SECONDS
 
 Start = Callable[..., NodeProcess]
 URDF = '<robot name="a"><link name="b"/></robot>'
@@ -32,6 +33,7 @@ def numbers(*closed: str) -> list[int]:
     return [CLOSED.index(stream) for stream in closed]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('closed', [('2>&-',), CLOSED])
 def test_nodes_work_without_standard_streams(
         closed: tuple[str, ...], start: Start, tmp_path: Path) -> None:
@@ -47,6 +49,7 @@ def test_nodes_work_without_standard_streams(
     assert publisher.finish() == 0, publisher.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize('closed', [('>&-',), ('2>&-',), CLOSED])
 def test_robot_commands_work_without_standard_streams(
@@ -56,6 +59,6 @@ def test_robot_commands_work_without_standard_streams(
                          ('robot_compare', 'a.urdf', 'a.sdf'), ('sdf_to_urdf', 'a.sdf')):
         finished = subprocess.run(
             [*closing(*closed), executable(name), *words], cwd=tmp_path, input='',
-            capture_output=True, text=True, timeout=DEADLINE, check=False)
+            capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
         assert finished.returncode == 0, (name, finished.stderr)
     assert (tmp_path / 'a.sdf').read_text().startswith('<?xml')

@@ -111,6 +111,7 @@ def numbers(messages: list[Image]) -> list[int]:
     return [message.data[0] for message in messages]
 
 
+@pytest.mark.thorough
 def test_clip_is_published_in_order_and_in_time(
         start: Start, node: Node) -> None:
     run = Run(start, node, source=CLIP, publish_rate=0)
@@ -119,6 +120,7 @@ def test_clip_is_published_in_order_and_in_time(
     assert_gaps(run.messages, 40.0)
 
 
+@pytest.mark.thorough
 def test_stamps_of_a_variable_frame_rate(start: Start, node: Node) -> None:
     runs = [Run(start, node, suffix, source=CLIP.with_name(f'variable_frame_rate.{suffix}'),
                 publish_rate=0) for suffix in ('mp4', 'mkv')]
@@ -131,6 +133,7 @@ def test_stamps_of_a_variable_frame_rate(start: Start, node: Node) -> None:
             assert np.argmin(difference) == number
 
 
+@pytest.mark.thorough
 def test_frames_without_times_use_the_rate_of_the_file(
         start: Start, node: Node, tmp_path: Path) -> None:
     # The AVI has B-frames and no times: OpenCV tells 40, 80, ..., 280 and 0 ms.
@@ -169,6 +172,7 @@ def damage(kind: str) -> bytes:
     return bytes(content)
 
 
+@pytest.mark.thorough
 def test_damaged_video_plays_up_to_the_damage(
         start: Start, node: Node, tmp_path: Path) -> None:
     runs = {}
@@ -243,6 +247,7 @@ def test_image_encoding_is_preserved_to_disk(
     assert_equal(read_pictures(tmp_path / 'out'), expected)
 
 
+@pytest.mark.thorough
 def test_part_of_a_folder_in_a_loop(
         start: Start, node: Node, tmp_path: Path) -> None:
     write_numbered(tmp_path / 'in', 4)
@@ -257,6 +262,7 @@ def test_part_of_a_folder_in_a_loop(
     assert numbers(held.messages) == [2, 3, 3, 3, 3]
 
 
+@pytest.mark.thorough
 def test_video_deleted_during_a_loop(
         start: Start, node: Node, tmp_path: Path) -> None:
     copy = tmp_path / 'in.mp4'
@@ -271,6 +277,7 @@ def test_video_deleted_during_a_loop(
     assert_lines(console)
 
 
+@pytest.mark.thorough
 def test_image_deleted_during_a_loop(
         start: Start, node: Node, tmp_path: Path) -> None:
     write_numbered(tmp_path / 'in', 3)

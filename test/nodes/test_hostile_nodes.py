@@ -215,6 +215,7 @@ def record(start: Start, node: Node, folder: Path, message_type: type, topic: st
     assert sums['failed'] == published - len(stamps), recorder.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['{seq}.png', '{frame_id}_{encoding}.npy'])
 def test_hostile_images(
         name: str, start: Start, node: Node, tmp_path: Path) -> None:
@@ -226,6 +227,7 @@ def test_hostile_images(
            file_name=f'"{name}"')
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('suffix', ['.png', '.jpg', '.npy'])
 def test_hostile_compressed_images(
         suffix: str, start: Start, node: Node, tmp_path: Path) -> None:
@@ -241,6 +243,7 @@ def test_hostile_compressed_images(
            message(JPEG, 'jpeg'), transport='compressed', file_name=f'f{{seq}}{suffix}')
 
 
+@pytest.mark.thorough
 def test_folder_of_hostile_images(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / 'in'
     folder.mkdir()
@@ -290,6 +293,7 @@ def test_hostile_parameters_and_services(start: Start, node: Node) -> None:
     assert publisher.finish() == 0, publisher.output
 
 
+@pytest.mark.thorough
 def test_announcement_with_the_service_of_another_camera(
         start: Start, camera: Node, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'out'

@@ -28,7 +28,7 @@ from typing import Any
 
 from calibrations import CALIBRATION
 from conftest import (
-    call_service, CLIP, CLIP_FRAMES, DEADLINE, decode_clip, EXAMPLES, NodeProcess, spin_until)
+    call_service, CLIP, CLIP_FRAMES, decode_clip, EXAMPLES, NodeProcess, spin_until)
 import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
@@ -43,6 +43,7 @@ from sending import create_publisher, stamped
 from sensor_msgs.msg import CompressedImage, Image
 from sharing import Camera, TOPIC
 from std_msgs.msg import String
+from waiting import LONGEST_SECONDS, wait_until
 import yaml
 
 Start = Callable[..., NodeProcess]
@@ -82,6 +83,7 @@ EDGES: dict[str, tuple[str, dict[str, str]]] = {
         'encoding': 'mono8', 'transport': 'compressed', 'every': 'true'})}
 
 
+@pytest.mark.thorough
 def test_edges_of_the_same_stamp(start: Start, node: Node) -> None:
     sources, *received = receive(node, 'video_frames', *EDGES)
     publisher = start('img_publisher', source='pattern:160x120@20', publish_rate=0.0,
@@ -101,6 +103,7 @@ def test_edges_of_the_same_stamp(start: Start, node: Node) -> None:
     assert publisher.is_running()
 
 
+@pytest.mark.thorough
 def test_interrupted_demo(start: Start, tmp_path: Path) -> None:
     script = tmp_path / 'examples' / 'demo.py'  # a copy, because it writes to the project
     script.parent.mkdir()
@@ -116,6 +119,7 @@ def test_interrupted_demo(start: Start, tmp_path: Path) -> None:
     assert 'Published 90' not in demo.output  # the nodes were ended
 
 
+@pytest.mark.thorough
 def test_slow_detector(start: Start, node: Node) -> None:
     texts: list[str] = []
     node.create_subscription(String, 'detections', lambda message: texts.append(message.data), 10)
@@ -128,6 +132,7 @@ def test_slow_detector(start: Start, node: Node) -> None:
     assert set(texts) == {''}
 
 
+@pytest.mark.thorough
 def test_two_cameras(start: Start, node: Node) -> None:
     lefts, rights, both = receive(node, 'left/video_frames', 'right/video_frames', 'both')
     for side in ('left', 'right'):
@@ -143,6 +148,7 @@ def test_two_cameras(start: Start, node: Node) -> None:
     assert cameras.finish() == 0
 
 
+@pytest.mark.thorough
 def test_rectified_images(start: Start, node: Node, tmp_path: Path) -> None:
     (tmp_path / 'front.yaml').write_text(CALIBRATION)
     sources, results = receive(node, 'video_frames', 'rectified')
@@ -164,6 +170,7 @@ def test_rectified_images(start: Start, node: Node, tmp_path: Path) -> None:
     assert rectifier.finish() == 0
 
 
+@pytest.mark.thorough
 def test_images_without_a_calibration(start: Start, node: Node) -> None:
     receive(node, 'rectified')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
@@ -173,6 +180,7 @@ def test_images_without_a_calibration(start: Start, node: Node) -> None:
     assert rectifier.finish() == 0
 
 
+@pytest.mark.thorough
 def test_brightness_of_every_frame(start: Start, tmp_path: Path) -> None:
     brightness = start('brightness.py')
     publisher = start('img_publisher', source=CLIP, publish_rate=0.0, wait_for_subscribers=1)
@@ -218,7 +226,7 @@ def test_callbacks_that_fail_end_the_node(start: Start, tmp_path: Path) -> None:
         for threaded in (False, True):
             finished = subprocess.run(
                 [sys.executable, '-c', FAILING_NODE.format(threaded=threaded, failure=failure)],
-                capture_output=True, text=True, timeout=DEADLINE, check=False, cwd=tmp_path)
+                capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False, cwd=tmp_path)
             assert finished.returncode == status, (failure, threaded, finished.stderr)
             printed = finished.stdout.split()
             assert (printed.count('frame'), printed.count('closed')) == (1, 1)
@@ -249,8 +257,7 @@ def send_until(process: NodeProcess, camera: Camera, node: Node,
     """
     Publish until a condition holds, which is looked at after each frame.
 
-    Fails when the process has printed 100 more lines 'frame', one for each frame it received, or
-    after ``DEADLINE``.
+    Fails when the process has printed 100 more lines 'frame', one for each frame it received.
     """
     before = process.output.count('frame\n')
 
@@ -263,6 +270,7 @@ def send_until(process: NodeProcess, camera: Camera, node: Node,
     spin_until(node, holds)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('every', [False, True])
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_callback_slower_than_a_camera_that_shares(
@@ -279,6 +287,7 @@ def test_callback_slower_than_a_camera_that_shares(
     assert slow.finish() == 0
 
 
+@pytest.mark.thorough
 def test_filter_slower_than_a_camera_that_shares(
         start: Start, camera: Node, tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(
@@ -294,6 +303,7 @@ def test_filter_slower_than_a_camera_that_shares(
     assert slow.finish() == 0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('transport', ['raw', 'shm'])
 def test_mirror_of_the_same_stamp(start: Start, node: Node, transport: str) -> None:
     (sources,) = receive(node, 'video_frames')
@@ -328,6 +338,7 @@ def fill(image, factor, out):
 """
 
 
+@pytest.mark.thorough
 def test_function_without_subscribers(start: Start, tmp_path: Path) -> None:
     (tmp_path / 'mine.py').write_text(MODULE)
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
@@ -367,6 +378,7 @@ def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
     assert max(results) - min(results) > (len(results) - 2.3) * 10**9 / 4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('function', ['both', 'fill'])
 def test_functions_of_the_working_folder(
         start: Start, node: Node, tmp_path: Path, function: str) -> None:
@@ -390,6 +402,7 @@ RUN_FILTER = """
 import sys
 from opencv_tools.frames import run_filter
 
+
 def halve(image):
     print('image', image[0, 0], flush=True)
     return image // 2 if image[0, 0] % 2 == 0 else None
@@ -404,7 +417,7 @@ def test_filter_of_a_function(start: Start, node: Node, tmp_path: Path) -> None:
     filtering = start(str(tmp_path / 'mine.py'))
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     publisher.publish(stamped(np.full((4, 4), 98, np.uint8), 'mono8', 98))
-    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     for _ in range(2):  # the executor has served the frame before the second answer
         call_service(node, GetParameters, '/img_filter/get_parameters', GetParameters.Request())
     (halves,) = receive(node, 'halves')
@@ -422,6 +435,7 @@ def test_filter_of_a_function(start: Start, node: Node, tmp_path: Path) -> None:
     assert all(stamp % 2 == 0 and (image == stamp // 2).all() for stamp, image in halves.items())
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('parameters', 'text'), [
     ({}, "parameter function is '': give module:function, for example cv2:Canny"),
     ({'function': 'cv2:Cany'}, "AttributeError: module 'cv2' has no attribute 'Cany'"),

@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator
 import itertools
 from pathlib import Path
 import signal
-import time
 
 import cv2
 from numbered_pictures import number_of, picture
@@ -28,10 +27,12 @@ from pair_cases import ALLOWED, Case, cases, EXCLUDED, FACTORS, FOUND
 from pair_processes import OwnReceiver, Publisher, Recorder, Stage
 from pairs import Part, parts
 import pytest
+from waiting import pause
 
 pytest.importorskip('iceoryx2')
 
-PAIRS, TRIPLES = cases(strength=2, seed=4), cases(strength=3, seed=5)
+SEEDS = {1: 3, 2: 4, 3: 5}  # by the number of values of which every group occurs
+STRENGTHS = {'test_singles': 1, 'test_pairs': 2, 'test_triples': 3}
 FRAMES = {'fast': 12, 'slow': 4, 'raising': 12}
 STOPPED_SECONDS = 2.0
 Receiver = OwnReceiver | Recorder
@@ -44,9 +45,19 @@ def stage(case: Case, tmp_path: Path) -> Iterator[Stage]:
     created.close()
 
 
-@pytest.mark.parametrize(('chosen', 'strength'), [(PAIRS, 2), (TRIPLES, 3)])
-def test_every_possible_part_of_a_case(
-        chosen: list[Case], strength: int, tell: Callable[[str], None]) -> None:
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Choose the cases of a test, which takes seconds, unless the test does not run."""
+    strength = STRENGTHS.get(metafunc.function.__name__, 0)
+    if strength:
+        is_left_out = strength > 1 and 'not thorough' in metafunc.config.option.markexpr
+        metafunc.parametrize('case', [] if is_left_out else cases(
+            strength=strength, seed=SEEDS[strength]), ids=str)
+
+
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize('strength', SEEDS)
+def test_every_possible_part_of_a_case(strength: int, tell: Callable[[str], None]) -> None:
+    chosen = cases(strength=strength, seed=SEEDS[strength])
     covered = set().union(*(parts(vars(case), strength) for case in chosen))
     possible = {
         part for names in itertools.combinations(sorted(FACTORS), strength)
@@ -74,15 +85,20 @@ def occurs(part: Part, chosen: list[Case]) -> bool:
     return any(set(part) <= vars(case).items() for case in chosen)
 
 
+@pytest.mark.thorough
 @pytest.mark.process
-@pytest.mark.parametrize('case', PAIRS, ids=str)
+def test_singles(case: Case, stage: Stage) -> None:
+    check(case, stage)
+
+
+@pytest.mark.process
+@pytest.mark.thorough
 def test_pairs(case: Case, stage: Stage) -> None:
     check(case, stage)
 
 
 @pytest.mark.process
-@pytest.mark.stress
-@pytest.mark.parametrize('case', TRIPLES, ids=str)
+@pytest.mark.thorough
 def test_triples(case: Case, stage: Stage) -> None:
     check(case, stage)
 
@@ -114,7 +130,7 @@ def play(case: Case, stage: Stage) -> tuple[Receiver, int]:
         begin(case, publisher, receiver)
     elif case.publisher_end == 'stopped':
         publisher.signal(signal.SIGSTOP)
-        time.sleep(STOPPED_SECONDS)
+        pause(STOPPED_SECONDS)
         publisher.signal(signal.SIGCONT)
         flow(case, publisher, receiver)
     return receiver, end(case, publisher, receiver)

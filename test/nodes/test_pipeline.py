@@ -36,6 +36,7 @@ def assert_same_frames(written: list[np.ndarray], expected: list[np.ndarray]) ->
     assert not different
 
 
+@pytest.mark.thorough
 def test_every_frame_of_the_clip_is_recorded(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=CLIP_FRAMES,
                        timeout=60, on_overflow='block')
@@ -48,6 +49,7 @@ def test_every_frame_of_the_clip_is_recorded(start: Start, tmp_path: Path) -> No
                      subscriber.output)
 
 
+@pytest.mark.thorough
 def test_best_effort_frames_are_recorded_or_lost(
         start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', on_overflow='block')
@@ -84,6 +86,7 @@ def test_best_effort_publisher_started_first(start: Start, tmp_path: Path) -> No
     assert len(read_pictures(tmp_path / 'out')) == 5
 
 
+@pytest.mark.thorough
 def test_two_recorders_get_every_frame(start: Start, tmp_path: Path) -> None:
     subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30, timeout=60)
                    for name in ('first', 'second')]
@@ -109,6 +112,7 @@ def test_progress_on_the_console(
         assert all(line.search(text) for text in lines), lines
 
 
+@pytest.mark.thorough
 def test_numbering_continues_after_an_earlier_run(start: Start, tmp_path: Path) -> None:
     for expected in (3, 6):
         subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3, timeout=60)
@@ -120,6 +124,7 @@ def test_numbering_continues_after_an_earlier_run(start: Start, tmp_path: Path) 
                        [draw_pattern(number % 3, 64, 48) for number in range(6)])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('file_name', ['frame_{seq}.tiff', 'frame_{seq:04d}.npy'])
 def test_format_from_the_extension(start: Start, tmp_path: Path, file_name: str) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60,

@@ -36,6 +36,7 @@ def publisher(folder: Path, *words: str, **environment: str) -> NodeProcess:
                        {**os.environ, **environment}, is_prepared=True)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('words', [('--help',), ('0',), ('--ros-args', '-p', 'source:=none.mp4')])
 def test_output_and_status_equal_those_of_a_fresh_process(
         tmp_path: Path, words: tuple[str, ...]) -> None:

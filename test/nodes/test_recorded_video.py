@@ -65,6 +65,7 @@ def test_bag_has_the_published_bytes(
     assert (line['stored_encoding'], line['size'], line['frames']) == ('h264', [48, 32], COUNT)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('suffix', ['.mkv', '.mp4'])
 def test_killed_video_of_packets_plays(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
@@ -101,6 +102,7 @@ def test_account_of_packets(start: Start, node: Node, tmp_path: Path) -> None:
     assert numbers(tmp_path / 'out' / 'a.mkv') == [*range(9, 19)]
 
 
+@pytest.mark.thorough
 def test_publisher_and_recorder_of_the_same_video(start: Start, tmp_path: Path) -> None:
     recorders = [start(
         'img_subscriber', output_dir=tmp_path / suffix, file_name=f'a.{suffix}',
@@ -133,6 +135,7 @@ def test_selected_frames_of_a_bag_are_images(start: Start, node: Node, tmp_path:
     assert [round(sum(one.data) / len(one.data) / 5) for one in found] == [0, 2, 4, 6, 8]
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('type_name', [FFMPEG_PACKET, COMPRESSED_VIDEO])
 def test_recorded_bag_of_video_is_played(
         start: Start, node: Node, tmp_path: Path, type_name: str) -> None:

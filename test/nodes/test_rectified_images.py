@@ -73,6 +73,7 @@ def calibration(tmp_path: Path) -> str:
     return f'file://{tmp_path}/front.yaml'
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('turn', [
     {}, {'flip': 'horizontal', 'rotate': 90}, {'encoding': 'mono16'}],
     ids=['unturned', 'turned', 'mono16'])
@@ -96,6 +97,7 @@ def test_rectified_images_and_their_calibration(
     assert '[ERROR]' not in publisher.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('transport', ['shm', 'compressed', 'video'])
 def test_transports_of_rectified_images(
         start: Start, node: Node, calibration: str, transport: str) -> None:
@@ -186,6 +188,7 @@ def write_bag(path: Path, images: list[np.ndarray], encoding: str, info: CameraI
     write_mcap(path, entries)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('encoding', ['mono8', 'yuyv', 'bayer_rggb8', '16UC1'])
 def test_calibration_of_a_bag(
         start: Start, node: Node, tmp_path: Path, encoding: str) -> None:
@@ -204,6 +207,7 @@ def test_calibration_of_a_bag(
         check_pixels(images[stamp], info, rectified[stamp])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('fields', 'reason'), [
     ({'d': [float('nan')] * 5}, 'D of the camera_info has the value nan: give finite numbers'),
     ({'width': 2**32 - 1}, 'but its camera_info is for 4294967295x48 pixels')])

@@ -23,7 +23,7 @@ import signal
 import subprocess
 import sys
 
-from conftest import DEADLINE, NodeProcess, read_manifest, spin_until
+from conftest import NodeProcess, read_manifest, spin_until
 import cv2
 import numpy as np
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
@@ -31,9 +31,10 @@ import pytest
 from rclpy.node import Node
 from sharing import (
     Camera, picture, RemoteCamera, RemoteViewer, send_until, TOPIC, Viewer, WINDOW)
+from waiting import communicate
 
 pytest_plugins = ['sharing']
-pytestmark = [pytest.mark.process, pytest.mark.stress]
+pytestmark = [pytest.mark.process, pytest.mark.thorough]
 
 
 class Memory:
@@ -321,10 +322,10 @@ def test_frames_are_never_torn() -> None:
         processes[0].stdin.write('\n')
         processes[0].stdin.flush()
         for reader in processes[1:]:
-            received, torn = map(int, reader.communicate(timeout=DEADLINE)[0].split())
+            received, torn = map(int, communicate(reader)[0].split())
             assert (reader.returncode, torn) == (0, 0)
             assert 0 < received <= 10000
-        processes[0].communicate(timeout=DEADLINE)
+        communicate(processes[0])
         assert processes[0].returncode == 0
     finally:
         for process in processes:

@@ -24,17 +24,15 @@ import pty
 import re
 import signal
 import subprocess
-import time
 
-from conftest import (
-    DEADLINE, executable, NodeProcess, read_manifest, read_pictures, recorded_files,
-)
+from conftest import executable, NodeProcess, read_manifest, read_pictures, recorded_files
 from images import draw_pattern
 import numpy as np
 import pytest
 from rclpy.duration import Duration
 from rclpy.node import Node
 from sending import create_publisher, send, stamped
+from waiting import pause, status_of, wait_until, work_of
 
 pytestmark = pytest.mark.fresh
 
@@ -43,6 +41,7 @@ IGNORING_SIGHUP = ('sh', '-c', 'trap "" HUP && exec "$0" "$@"')
 SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 
 
+@pytest.mark.quick_cases(1)
 @SIGNALS
 def test_clean_exit_of_both_nodes(
         start: Start, tmp_path: Path, number: int) -> None:
@@ -72,6 +71,7 @@ def test_clean_exit_of_both_nodes(
     assert not [segment for segment in segments if segment.exists()]
 
 
+@pytest.mark.quick_cases(2)
 @SIGNALS
 @pytest.mark.parametrize(('name', 'parameters', 'text'), [
     ('img_publisher', {'source': 'pattern', 'wait_for_subscribers': 1}, 'Waiting for 1'),
@@ -102,6 +102,7 @@ def test_queued_frames_are_written_at_exit(start: Start, tmp_path: Path) -> None
     assert len(read_pictures(tmp_path / 'out')) == written
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('name', 'queue_size'), [
     ('{seq:03d}.png', 10), ('{seq:03d}.png', 100), ('all.mkv', 10), ('all.mcap', 10)])
 def test_second_interrupt_of_a_blocking_recorder(
@@ -112,10 +113,10 @@ def test_second_interrupt_of_a_blocking_recorder(
     noise = np.random.default_rng(1).integers(0, 256, (720, 1280, 3), np.uint8)
     publisher = create_publisher(node)
     send(node, publisher, *(stamped(noise, 'bgr8', number) for number in range(60)))
-    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     recorder.wait_for('Receiving video frame')
     recorder.interrupt()
-    time.sleep(1.1)  # an earlier signal is that of ros2 launch
+    pause(1.1)  # an earlier signal is that of ros2 launch
     if recorder.is_running():
         recorder.interrupt()
     status = recorder.finish()
@@ -128,6 +129,7 @@ def test_second_interrupt_of_a_blocking_recorder(
     assert sum(line.get('frames', 1) for line in read_manifest(folder)) == numbers['written']
 
 
+@pytest.mark.thorough
 def test_signals_after_the_last_log_line(start: Start) -> None:
     subscriber = start('img_subscriber', max_frames=3)
     publisher = start('img_publisher', source='pattern', max_frames=3, wait_for_subscribers=1)
@@ -136,10 +138,11 @@ def test_signals_after_the_last_log_line(start: Start) -> None:
         while process.is_running():  # its interpreter shuts down
             for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
                 process.interrupt(number)
-            time.sleep(0.001)
+            pause(0.001)
         assert process.finish() == 0, process.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize('within', [(), IGNORING_SIGHUP], ids=['as usual', 'as by nohup'])
 def test_recording_after_hangup(
@@ -151,13 +154,15 @@ def test_recording_after_hangup(
     os.set_blocking(master, False)
 
     def wait_for_files(count: int) -> None:
-        nonlocal console
-        deadline = time.monotonic() + DEADLINE
-        while len(recorded_files(folder)) < count:
-            assert time.monotonic() < deadline, f'no file came:\n{console.decode()}'
+        def read() -> None:
+            nonlocal console
             with suppress(BlockingIOError, OSError):  # a terminal that is full blocks who writes
                 console += os.read(master, 1 << 16)
-            time.sleep(0.02)
+            pause(0.02)
+
+        wait_until(lambda: len(recorded_files(folder)) >= count, f'{count} files', read,
+                   files=lambda: len(recorded_files(folder)), output=lambda: console,
+                   work=lambda: work_of(recorder.pid))
 
     with subprocess.Popen(
             ['setsid', '--ctty', *within, executable('img_subscriber'), '--ros-args',
@@ -169,7 +174,7 @@ def test_recording_after_hangup(
             if within:
                 wait_for_files(len(recorded_files(folder)) + 3)
                 recorder.send_signal(signal.SIGINT)
-            assert recorder.wait(DEADLINE) == 0
+            assert status_of(recorder) == 0
         finally:
             with suppress(ProcessLookupError):
                 recorder.kill()

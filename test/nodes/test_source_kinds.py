@@ -22,7 +22,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import itertools
 from pathlib import Path
 from threading import Thread
-import time
 
 from conftest import CLIP, decode_clip, NodeProcess, spin_until
 import cv2
@@ -32,6 +31,7 @@ from opencv_tools.cv_bridge import CvBridge
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import Image
+from waiting import pause
 
 Start = Callable[..., NodeProcess]
 
@@ -74,6 +74,7 @@ def test_video_file(start: Start, node: Node) -> None:
     assert_equal(received, decode_clip(5))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['in', 'in/*.png', 'in/[0-2].png'])
 def test_folder_and_glob(
         start: Start, node: Node, tmp_path: Path, pictures: list[np.ndarray], name: str) -> None:
@@ -90,6 +91,7 @@ def test_relative_path(
     assert_equal(receive(start, node, 1, source='in/2.png'), pictures[2:])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('on_end', 'order'), [
     ('stop', [0, 1, 2]), ('loop', [0, 1, 2, 0, 1, 2, 0]), ('hold', [0, 1, 2, 2, 2])])
 def test_end_of_a_source(
@@ -99,6 +101,7 @@ def test_end_of_a_source(
     assert_equal(received, [pictures[number] for number in order])
 
 
+@pytest.mark.thorough
 def test_video_loop(start: Start, node: Node) -> None:
     received = receive(
         start, node, 95, source=CLIP, on_end='loop', max_frames=95, encoding='mono8')
@@ -137,7 +140,7 @@ class StreamHandler(BaseHTTPRequestHandler):
                 self.wfile.write(head.encode() + picture + b'\r\n')
             except OSError:
                 return  # the reader has left
-            time.sleep(1 / 30)
+            pause(1 / 30)
 
     def send_clip(self, begin: int) -> None:
         """Send the clip from a byte on, as web servers do for who wants to seek in it."""
@@ -162,6 +165,7 @@ def server() -> Iterator[ThreadingHTTPServer]:
         running.shutdown()
 
 
+@pytest.mark.thorough
 def test_file_on_a_web_server(
         start: Start, node: Node, server: ThreadingHTTPServer) -> None:
     url = f'http://127.0.0.1:{server.server_port}/clip.mp4'

@@ -25,10 +25,10 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
-import time
 
-from conftest import DEADLINE, executable, NodeProcess
+from conftest import executable, NodeProcess
 import pytest
+from waiting import pause, status_of, wait_until, work_of
 
 pytestmark = pytest.mark.process
 
@@ -98,20 +98,24 @@ def has_reached(step: str, process: subprocess.Popen[bytes], console: Path) -> b
 
 
 def wait_for_step(step: str, process: subprocess.Popen[bytes], console: Path) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not has_reached(step, process, console):
-        assert process.poll() is None and time.monotonic() < deadline, console.read_text()
-        time.sleep(0.001)
+    def is_met() -> bool:
+        met = has_reached(step, process, console)
+        assert met or process.poll() is None, console.read_text()
+        return met
+
+    wait_until(is_met, step, output=lambda: console.stat().st_size,
+               work=lambda: work_of(process.pid))
 
 
 def check_end(case: Case, process: subprocess.Popen[bytes], console: Path, number: int) -> None:
     """Send a signal and check the end of the process."""
     process.send_signal(number)
-    status = process.wait(DEADLINE)
+    status = status_of(process)
     assert status == (128 + number if case.status is None else case.status), console.read_text()
     assert 'Traceback' not in console.read_text()
 
 
+@pytest.mark.quick_cases(1)
 @EVERY_CASE
 def test_signal_at_each_step_of_the_start(case: Case, tmp_path: Path) -> None:
     for index, step in enumerate(case.steps):
@@ -120,13 +124,13 @@ def test_signal_at_each_step_of_the_start(case: Case, tmp_path: Path) -> None:
             check_end(case, process, console, SIGNALS[index % len(SIGNALS)])
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @EVERY_CASE
 def test_signals_in_the_first_two_seconds(case: Case, tmp_path: Path) -> None:
     for moment, number in zip(range(20), itertools.cycle(SIGNALS)):
         with running(case, tmp_path / f'{moment}') as (process, console):
             wait_for_step(HANDLED, process, console)
-            time.sleep(moment * 0.1)
+            pause(moment * 0.1)
             check_end(case, process, console, number)
 
 
@@ -163,7 +167,7 @@ sys.exit(main(Own))
         while process.is_running():  # its interpreter shuts down
             for number in SIGNALS:
                 process.interrupt(number)
-            time.sleep(0.001)
+            pause(0.001)
         assert process.finish() == 3, process.output
     finally:
         process.kill()

@@ -25,9 +25,7 @@ from threading import Event
 import time
 
 import av
-from conftest import (
-    call_service, CLIP, DEADLINE, NodeProcess, read_manifest, recorded_files, spin_until,
-)
+from conftest import call_service, CLIP, NodeProcess, read_manifest, recorded_files, spin_until
 import cv2
 from images import random_image
 import numpy as np
@@ -93,6 +91,7 @@ def expected_picture(image: np.ndarray, encoding: str) -> np.ndarray:
     return bridge.imgmsg_to_cv2(bridge.cv2_to_imgmsg(image, encoding), f'{order}{bits}')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('suffix', [suffix for suffix in KEPT if suffix != '.mkv'])
 def test_every_encoding_is_exact_or_refused(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path, suffix: str) -> None:
@@ -185,6 +184,7 @@ def test_file_names_from_metadata(
         f'{stem}.npy', f'{stem}_1.npy']
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('parameters', 'numbers', 'ends'), [
     ({'every_n': 7, 'max_frames': 4}, [0, 7, 14, 21], True),
     ({'max_rate': 10.0}, list(range(0, 60, 3)), False),
@@ -213,13 +213,11 @@ def test_selected_frames(
 
 
 def _wait_until_received(recorder: NodeProcess, folder: Path, last: int) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while True:
+    def is_recorded(_: str) -> bool:
         values = [cv2.imread(str(path)) for path in recorded_files(folder)]
-        if any(value is not None and value[0, 0, 0] == last for value in values):
-            return
-        assert time.monotonic() < deadline, recorder.output
-        time.sleep(0.05)
+        return any(value is not None and value[0, 0, 0] == last for value in values)
+
+    recorder.wait_until(is_recorded, f'frame {last}')
 
 
 def test_duration_ends_without_further_frames(
@@ -232,6 +230,7 @@ def test_duration_ends_without_further_frames(
     assert len(read_manifest(tmp_path / 'out')) == 1
 
 
+@pytest.mark.thorough
 def test_compressed_topic_is_recorded_unchanged(
         start: Start, node: Node, tmp_path: Path) -> None:
     messages: list[CompressedImage] = []
@@ -251,6 +250,7 @@ def test_compressed_topic_is_recorded_unchanged(
         assert line['size'] == [320, 240]
 
 
+@pytest.mark.thorough
 def test_video_times_of_a_minute_of_stamps(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path, tell: Tell) -> None:
     recorder = start('img_subscriber', output_dir=tmp_path / 'out', file_name='clip.mp4',
@@ -279,6 +279,7 @@ def test_video_times_of_a_minute_of_stamps(
          f'{max(deviations) * 1e6:.0f} us')
 
 
+@pytest.mark.thorough
 def test_recording_without_pyav(
         start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / 'modules').mkdir()
@@ -300,6 +301,7 @@ def test_recording_without_pyav(
     assert not (tmp_path / 'none').exists()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('on_exists', ['continue', 'overwrite'])
 def test_new_video_for_a_new_size(
         start: Start, node: Node, publisher: Publisher, tmp_path: Path, on_exists: str) -> None:
@@ -345,6 +347,7 @@ def test_frame_saved_on_request(
     assert '3 written' in recorder.output and ' 1 failed' in recorder.output
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_blocking_recorder_slower_than_a_camera_that_shares(
         start: Start, camera: Node, tmp_path: Path) -> None:
@@ -370,6 +373,7 @@ def test_blocking_recorder_slower_than_a_camera_that_shares(
     assert f' {len(read_manifest(folder))} written' in recorder.output
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('transport', ['auto', 'raw', 'shm'])
 def test_recorder_that_joins_a_running_publisher(
@@ -422,6 +426,7 @@ def test_progress_bar_on_a_terminal(
         assert 'INFO' not in line or 'Receiving video frame' not in line, line
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_bad_announcement_with_a_progress_bar(
         node: Node, publisher: Publisher, tmp_path: Path) -> None:

@@ -25,11 +25,8 @@ import random
 import re
 import shutil
 import signal
-import time
 
-from conftest import (
-    DEADLINE, NodeProcess, read_manifest, read_pictures, recorded_files,
-)
+from conftest import NodeProcess, read_manifest, read_pictures, recorded_files
 import cv2
 from images import draw_pattern
 import numpy as np
@@ -38,6 +35,7 @@ import pytest
 from rclpy.node import Node
 from sending import create_publisher, NANO, send, stamped
 from sensor_msgs.msg import Image
+from waiting import pause, wait_until, work_of
 
 Start = Callable[..., NodeProcess]
 Tell = Callable[[str], None]
@@ -58,13 +56,6 @@ def summary(process: NodeProcess) -> dict[str, int]:
     return counts
 
 
-def wait_until(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, 'the condition did not come to hold'
-        time.sleep(0.02)
-
-
 def wait_for_frames(process: NodeProcess) -> None:
     """Wait until a recorder has tried to write one more frame than its queue takes."""
     def taken() -> int:
@@ -75,7 +66,7 @@ def wait_for_frames(process: NodeProcess) -> None:
     process.wait_until(lambda _: taken() > last, 'more frames')
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_whole_files_after_kills(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
@@ -90,7 +81,7 @@ def test_whole_files_after_kills(
         recorder = recorders.popleft()
         recorder.wait_for('Receiving video frame')
         wait_until(lambda: len(recorded_files(folder)) > 10 * kill)  # noqa: B023
-        time.sleep(moments.uniform(0, 0.1))
+        pause(moments.uniform(0, 0.1))
         recorder.interrupt(signal.SIGKILL)
         assert recorder.finish() == -signal.SIGKILL
         if kill < KILLS - AT_ONCE:
@@ -125,7 +116,7 @@ def grays(video: Path) -> list[float]:
     return means
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.parametrize('suffix', ['mp4', 'mkv'])
 def test_video_of_a_killed_recorder(
         start: Start, node: Node, tmp_path: Path, suffix: str) -> None:
@@ -192,6 +183,7 @@ def test_full_disk_that_gets_room_again(
          'of which ten were deleted in between')
 
 
+@pytest.mark.thorough
 def test_folder_that_is_read_only_for_a_while(
         start: Start, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'
@@ -238,6 +230,7 @@ def test_removed_folder_is_created_again(
     assert len(recorded_files(folder)) == 20
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('writers', [1, 2])
 def test_every_frame_is_counted_with_slow_writers(
         start: Start, node: Node, tmp_path: Path, writers: int, tell: Tell) -> None:
@@ -250,10 +243,15 @@ def test_every_frame_is_counted_with_slow_writers(
     sent = 1
     with (folder / 'manifest.jsonl').open() as manifest:
         fcntl.flock(manifest, fcntl.LOCK_EX)  # blocks all writers
-        while 'arrive faster than they are written' not in recorder.output:
+
+        def send_more() -> None:
+            nonlocal sent
             send(node, publisher, *gray_frames(sent + 1, 5))
             sent += 5
-            time.sleep(0.05)
+            pause(0.05)
+
+        wait_until(lambda: 'arrive faster than they are written' in recorder.output,
+                   'the warning', send_more, work=lambda: work_of(recorder.pid))
     # All sent frames were received when a later frame of another size is. The progress shows
     # that frame if it showed none for a second.
     size = 0
@@ -262,7 +260,7 @@ def test_every_frame_is_counted_with_slow_writers(
         send(node, publisher, stamped(np.zeros((1, size), np.uint8), 'mono8', sent * NANO))
         for _ in range(12 * size):
             if f' {size}x1 mono8' not in recorder.output:
-                time.sleep(0.1)
+                pause(0.1)
     recorder.interrupt()
     assert recorder.finish() == 0, recorder.output
     counts = summary(recorder)
@@ -276,7 +274,7 @@ def test_every_frame_is_counted_with_slow_writers(
     tell(f'{writers} slow writers: {counts}')
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_no_loss_in_ten_thousand_frames(
         start: Start, node: Node, tmp_path: Path, tell: Tell) -> None:
     folder = tmp_path / 'out'

@@ -40,10 +40,19 @@ from rclpy.time import Time
 from rendered_boards import Camera, needs_markers, Pose, poses, wide_camera
 from shown_boards import BOARD, held_board, RATE
 from std_msgs.msg import Header
+from waiting import LONGEST_SECONDS, work_of
 
 Start = Callable[..., NodeProcess]
 
 BASELINE = 0.06
+#: Python of img_calibrate with a line of the progress for each image that was searched.
+EVERY_IMAGE = """
+import sys
+from opencv_tools import progress
+from opencv_tools.commands import img_calibrate
+progress._SECONDS_BETWEEN_LINES = 0.0
+sys.exit(img_calibrate())
+"""
 _STILL = 3  # images of each place
 _APART_NS = 240_000_000  # from one image to the next
 
@@ -53,8 +62,9 @@ def calibrate(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """Return a function that starts img_calibrate, which ends with the test."""
     processes: list[NodeProcess] = []
 
-    def _calibrate(*words: object) -> NodeProcess:
-        processes.append(NodeProcess([executable('img_calibrate'), *map(str, words)],
+    def _calibrate(*words: object, code: str = '') -> NodeProcess:
+        command = [sys.executable, '-c', code] if code else [executable('img_calibrate')]
+        processes.append(NodeProcess([*command, *map(str, words)],
                                      tmp_path / 'img_calibrate.log', dict(os.environ)))
         return processes[-1]
 
@@ -79,6 +89,7 @@ def views_of(output: str) -> int:
     return int((re.findall(r'views: (\d+)', output) or ['0'])[-1])
 
 
+@pytest.mark.thorough
 @needs_markers
 @pytest.mark.process
 def test_two_cameras_until_all_views_are_there(
@@ -87,18 +98,26 @@ def test_two_cameras_until_all_views_are_there(
     publishers = [FramePublisher(node, f'/{side}/image') for side in ('left', 'right')]
     process = calibrate(
         '--topic', '/left/image', '--right-topic', '/right/image', '--board', BOARD,
-        '-o', tmp_path / 'left.yaml', '--right-output', tmp_path / 'right.yaml')
+        '-o', tmp_path / 'left.yaml', '--right-output', tmp_path / 'right.yaml',
+        code=EVERY_IMAGE)
+    spin_until(node, lambda: not process.is_running()
+               or all(publisher.has_subscribers for publisher in publishers))
     number = 0
 
-    def publish_until_the_end() -> bool:
+    def searched() -> int:
+        return int((re.findall(r'Image (\d+):', process.output) or ['0'])[-1])
+
+    def publish_what_was_awaited() -> bool:
         nonlocal number
-        number += 1  # a pair has the same stamp; each is shown 3 times, 0.24 s apart
-        stamp = Time(nanoseconds=BEGAN_NS + number * _APART_NS).to_msg()
-        for publisher, image in zip(publishers, pairs[number // _STILL % len(pairs)]):
-            publisher.publish(image, Header(stamp=stamp))
+        if searched() == number:  # a pair has the same stamp; each is shown 3 times, 0.24 s apart
+            number += 1
+            stamp = Time(nanoseconds=BEGAN_NS + number * _APART_NS).to_msg()
+            for publisher, image in zip(publishers, pairs[number // _STILL % len(pairs)]):
+                publisher.publish(image, Header(stamp=stamp))
         return not process.is_running()
 
-    spin_until(node, publish_until_the_end)
+    spin_until(node, publish_what_was_awaited, 'all views', searched=searched,
+               work=lambda: work_of(process.pid))
     assert process.finish() == 0, process.output
     assert '\nBaseline: 0.0' in process.output
     left, right = (read_camera(tmp_path / f'{side}.yaml') for side in ('left', 'right'))
@@ -107,6 +126,7 @@ def test_two_cameras_until_all_views_are_there(
     np.testing.assert_allclose(left.k, wide_camera(640, 360).k.ravel(), atol=1.0)
 
 
+@pytest.mark.thorough
 @needs_markers
 def test_one_camera_until_an_interrupt(
         start: Start, calibrate: Callable[..., NodeProcess], tmp_path: Path) -> None:
@@ -120,6 +140,7 @@ def test_one_camera_until_an_interrupt(
     np.testing.assert_allclose(read_camera(tmp_path / 'a.yaml').k, truth.k.ravel(), atol=2.0)
 
 
+@pytest.mark.thorough
 def test_cameras_of_different_times(
         start: Start, calibrate: Callable[..., NodeProcess], tmp_path: Path) -> None:
     for side, offset in (('left', 0.0), ('right', 5.0)):
@@ -149,7 +170,7 @@ def test_topic_without_ros() -> None:
               'from opencv_tools.commands import img_calibrate\nsys.exit(img_calibrate())')
     finished = subprocess.run(
         [sys.executable, '-c', script, '--topic', '/a', '--board', 'chessboard:9x6:25mm'],
-        capture_output=True, text=True, timeout=60, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 1
     assert finished.stderr.startswith('img_calibrate: error: live topics need ROS 2, but ')
 

@@ -22,7 +22,6 @@ import os
 from pathlib import Path
 import re
 import struct
-import time
 from typing import Any
 
 from bag_readers import decode, read_by_all
@@ -45,6 +44,7 @@ from sending import create_publisher, stamped
 from sensor_msgs.msg import Image, JointState
 from type_description_interfaces.msg import TypeSource
 from type_description_interfaces.srv import GetTypeDescription
+from waiting import pause
 
 Start = Callable[..., NodeProcess]
 BAG = 'drive.mcap'
@@ -176,6 +176,7 @@ def assert_played(
     assert f'; {2 * (3 * (COUNT - 1) + 1)} messages of other topics' in publisher.output
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('limits', [
     {}, {'split_bytes': 20_000, 'file_name': 'a{seq}.mcap'}, {'every_n': 10, 'queue_size': 1}])
 @pytest.mark.parametrize('overflow', ['drop', 'block'])
@@ -193,7 +194,7 @@ def test_beside_frames(
                and 'Receiving video frame' in subscriber.output)
     for number in range(100):
         publisher.publish(JointState(position=[float(number)]))
-        time.sleep(0.005)
+        pause(0.005)
     publisher.wait_for_all_acked()
     for process in (camera, subscriber):
         process.interrupt()
@@ -250,6 +251,7 @@ def mute(node: Node) -> Any:
     found.destroy_node()
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('texts', 'said'), [
     ({}, 'is not installed, and /mute does not know its text'),
     ({GRIPPER: 'string name\n'}, f'the definition of {GRIPPER} of /mute is not that of its'),
@@ -326,7 +328,7 @@ rclpy.spin_once(node, timeout_sec=1)
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_account_of_many_topics(
         start: Start, tmp_path: Path, tell: Callable[[str], None]) -> None:
     """Set TOPICS_SIZE and TOPICS_SECONDS for more than a small camera for a few seconds."""

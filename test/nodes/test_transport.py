@@ -27,11 +27,12 @@ import sys
 import time
 import zlib
 
-from conftest import DEADLINE, NodeProcess
+from conftest import NodeProcess
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
 import pytest
+from waiting import wait_until, work
 
-pytestmark = pytest.mark.stress
+pytestmark = pytest.mark.thorough
 
 Start = Callable[..., NodeProcess]
 Count = Callable[..., NodeProcess]
@@ -135,10 +136,10 @@ def received(counter: NodeProcess, numbers: dict[int, int]) -> list[list[int]]:
 
 def wait_until_gone(files: set[Path]) -> None:
     """Wait until no segment is there; the nodes of another test may be the ones to remove it."""
-    deadline = time.monotonic() + DEADLINE
-    while any(path.exists() for path in files):
-        assert time.monotonic() < deadline, files
-        time.sleep(0.02)
+    def left() -> list[Path]:
+        return [path for path in files if path.exists()]
+
+    wait_until(lambda: not left(), 'the removal', files=left, work=work)
 
 
 LARGE = pytest.mark.parametrize(('width', 'height', 'rate', 'frames'), [

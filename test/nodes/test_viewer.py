@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 import json
 from pathlib import Path
@@ -35,8 +34,8 @@ import pytest
 from rclpy.node import Node
 from sending import stamped
 from std_msgs.msg import String
-from viewing import (
-    address_of, Camera, fetch, Page, PausedPage, publishing, run_page, until)
+from viewing import address_of, Camera, fetch, Page, PausedPage, publishing, run_page
+from waiting import LONGEST_SECONDS, pause_loop, until
 
 Start = Callable[..., NodeProcess]
 GRAY = np.full((48, 64, 3), 90, np.uint8)
@@ -156,6 +155,7 @@ def test_busy_page_gets_the_newest_frame_and_delays_no_other(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_reads_nothing_delays_no_other(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image')
     noise = np.random.default_rng(5).integers(0, 255, (1080, 1920, 3), np.uint8)
@@ -229,6 +229,7 @@ def test_publisher_restarts_with_another_size_and_transport(
     run_page(look())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('number', 'transport'), [
     (signal.SIGINT, 'raw'), (signal.SIGKILL, 'auto')])
 def test_camera_that_starts_again(
@@ -256,6 +257,7 @@ def test_camera_that_starts_again(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
     jpeg = encode_image(gradient(320, 240), '.jpg').tobytes()
@@ -277,6 +279,7 @@ def test_broken_images_are_left_out_and_counted(viewer: NodeProcess, node: Node)
     assert 'frame of /image left out' in viewer.output
 
 
+@pytest.mark.thorough
 def test_reason_of_a_broken_image(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image')
 
@@ -312,6 +315,7 @@ def large_jpeg() -> bytes:
     return encode_image(noise, '.jpg', 100).tobytes()
 
 
+@pytest.mark.thorough
 def test_answer_to_a_picture_that_is_not_sent(
         viewer: NodeProcess, node: Node, large_jpeg: bytes) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
@@ -336,6 +340,7 @@ def test_answer_to_a_picture_that_is_not_sent(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_unread_pictures_of_topics_that_a_page_has_left(
         viewer: NodeProcess, node: Node, large_jpeg: bytes) -> None:
     camera = Camera(node, 'image/compressed', compressed=True)
@@ -350,7 +355,7 @@ def test_unread_pictures_of_topics_that_a_page_has_left(
         await quick.picture()
         for _ in range(20):
             await deaf.send(subscribe='/image')
-            await asyncio.sleep(0.1)
+            await pause_loop(0.1)
             await deaf.send(unsubscribe='/image')
         assert await deaf.close_code() in (1008, None)
 
@@ -438,6 +443,7 @@ def test_reason_of_silence_and_the_chosen_topics(start: Start, node: Node) -> No
     assert cameras[2].publisher.get_subscription_count() == 0
 
 
+@pytest.mark.thorough
 def test_rate_is_limited(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, rate=2.0)
     camera = Camera(node, 'image')
@@ -459,7 +465,7 @@ def test_rate_is_limited(start: Start, node: Node) -> None:
     run_page(look())
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_opened_and_closed_pages_leave_nothing(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'image')
     descriptors = Path('/proc', str(viewer.pid), 'fd')
@@ -563,6 +569,7 @@ def test_questions_about_the_pixels_of_the_shown_frame(viewer: NodeProcess, node
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_region_of_a_large_image(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'front', latched=True)
     image = gradient(3840, 2160)
@@ -618,7 +625,7 @@ def test_held_picture(viewer: NodeProcess, node: Node) -> None:
 
 def test_picture_that_is_held_twice_leaves_that_of_another_page(
         viewer: NodeProcess, node: Node) -> None:
-    camera = Camera(node, 'front', latched=True)
+    camera, rear = Camera(node, 'front', latched=True), Camera(node, 'rear')
     camera.publish(GRAY)
 
     async def look() -> None:
@@ -632,7 +639,10 @@ def test_picture_that_is_held_twice_leaves_that_of_another_page(
             await page.send(subscribe='/front', held=True, **options)
         await page.send(ping=1)
         await page.text('pong')
-        await page.read_until(asyncio.sleep(3))  # longer than the viewer keeps an unused topic
+        await other.send(subscribe='/rear')
+        await other.read_until(rear.seen())
+        await other.send(unsubscribe='/rear')  # a topic that is unused from later on
+        await page.read_until(until(lambda: rear.publisher.get_subscription_count() == 0))
         assert camera.publisher.get_subscription_count() == 1
         camera.publish(GRAY)
         await other.picture()
@@ -688,6 +698,7 @@ def test_questions_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
     assert 'Traceback' not in viewer.output
 
 
+@pytest.mark.thorough
 def test_steps_of_a_hostile_page(viewer: NodeProcess, node: Node) -> None:
     camera = Camera(node, 'front', latched=True)
     camera.publish(GRAY)
@@ -767,7 +778,7 @@ def test_tornado_is_missing(domain: int) -> None:
     script = ('import sys; sys.modules.update(tornado=None); '
               'from opencv_tools.image_viewer import main; sys.exit(main(["img_viewer"]))')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60, check=False)
+                              timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 1
     assert 'Traceback' not in finished.stderr
     assert "img_viewer needs Tornado; install it with 'sudo apt install python3-tornado'" in (
@@ -790,6 +801,7 @@ def test_port_in_use(start: Start, viewer: NodeProcess) -> None:
     assert viewer.is_running()
 
 
+@pytest.mark.quick_cases(4)
 @pytest.mark.parametrize(('parameters', 'status', 'sentence'), [
     ({'address': '192.0.2.1'}, 1, 'port 8080 of 192.0.2.1 cannot be used: Cannot assign'),
     ({'address': 'no.such.host.invalid'}, 1, "address 'no.such.host.invalid' is unknown"),

@@ -16,15 +16,13 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-import time
 from typing import Any
 from urllib.parse import quote
 
-from conftest import DEADLINE, executor_of, NodeProcess, spin_until
+from conftest import executor_of, NodeProcess, spin_until
 import numpy as np
 from opencv_tools.calibration.boards import parse_board
 from opencv_tools.calibration.camera_file import read_camera
@@ -42,6 +40,7 @@ from sensor_msgs.srv import SetCameraInfo
 from shown_boards import BOARD, held_board, RATE, write_former
 from tornado.websocket import WebSocketClosedError
 from viewing import address_of, Camera, fetch, Page, publishing, run_page
+from waiting import pause_loop, wait_until
 
 pytestmark = needs_markers
 
@@ -68,7 +67,7 @@ async def open_page(url: str, topic: str = TOPIC, **headers: str) -> Page:
 async def join(url: str, topic: str = TOPIC) -> Page:
     """Open such a page as soon as the viewer knows the topic."""
     while f'"{topic}"' not in (await fetch(url, f'/topics?token={TOKEN}')).body.decode():
-        await asyncio.sleep(0.05)
+        await pause_loop(0.05)
     return await open_page(url, topic)
 
 
@@ -100,15 +99,13 @@ def read(node: Node, publish: Callable[[], object]) -> Former:
     with executor_of(node) as executor:
         reading = executor.create_task(
             read_former(Control(node), '/front/camera_info', ['/front/camera']))
-        deadline = time.monotonic() + DEADLINE
-        while not reading.done():
-            assert time.monotonic() < deadline
-            publish()
-            executor.spin_once(timeout_sec=0.005)
+        wait_until(reading.done, 'the calibration', lambda: (
+            publish(), executor.spin_once(timeout_sec=0.005)))
     found: Former = reading.result()
     return found
 
 
+@pytest.mark.thorough
 def test_whole_calibration(start: Start, url: str, node: Node, tmp_path: Path) -> None:
     truth = held_board(tmp_path / 'pictures', 12)
     start('img_publisher', source=tmp_path / 'pictures', publish_rate=RATE, loop=0, flip='both',
@@ -158,6 +155,7 @@ def test_whole_calibration(start: Start, url: str, node: Node, tmp_path: Path) -
     np.testing.assert_allclose(restored.k, former.k)
 
 
+@pytest.mark.thorough
 def test_camera_without_the_service(url: str, node: Node) -> None:
     truth, board = wide_camera(640, 360), parse_board(BOARD)
     camera = Camera(node, 'front/image')
@@ -186,6 +184,7 @@ def test_camera_without_the_service(url: str, node: Node) -> None:
     run_page(act())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('path', [
     '/calibrate?topic=/image', '/calibrate/ws?topic=/image', '/calibrate/board',
     '/calibrate/camera.yaml?topic=/image'])
@@ -281,6 +280,7 @@ def test_number_of_sessions(url: str, node: Node) -> None:
     assert len(cameras) == 5
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('message', [
     '', '[]', '5', '{"a": 1}', '{"board": NaN}', '\0', '{' * 3000, b'\x00\x01'])
 def test_message_without_a_known_word(url: str, node: Node, message: str | bytes) -> None:
@@ -297,6 +297,7 @@ def test_message_without_a_known_word(url: str, node: Node, message: str | bytes
     camera.destroy()
 
 
+@pytest.mark.thorough
 def test_flood_of_refused_actions(url: str, node: Node) -> None:
     camera = Camera(node, 'image')
 
@@ -424,6 +425,7 @@ def test_former_calibration_without_known_senders(
         None, 'no /front/camera_info of the camera arrived, and other nodes publish it: /plain')
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('fields', 'problem'), [
     ({'k': [0.0] * 9}, 'there was no calibration before'),
     ({'fx': float('nan')}, 'the calibration before has numbers that are not finite'),

@@ -21,7 +21,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from conftest import DEADLINE, destroy, NodeProcess
+from conftest import destroy, NodeProcess
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue, SetParametersResult
@@ -32,6 +32,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from viewing import address_of, Camera, Page, run_page, ShownPicture
+from waiting import wait_until
 
 Start = Callable[..., NodeProcess]
 GRAY = np.full((48, 64, 3), 90, np.uint8)
@@ -110,7 +111,7 @@ class OddCamera:
             node.create_service(service_type, f'{node.get_name()}/{name}', call)
 
     def _list(self, _: Any, answer: Any) -> Any:
-        self.is_free.wait(DEADLINE)
+        wait_until(self.is_free.is_set)
         answer.result.names = self.names
         return answer
 
@@ -148,6 +149,7 @@ def odd_camera(domain: int) -> Iterator[OddCamera]:
 TEXT, UNSET = ParameterValue(type=4, string_value='b'), ParameterValue()
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('answers', 'sentence'), [
     ({'results': []}, '/odd has given 0 answers about one parameter'),
     ({'results': [SetParametersResult()] * 3}, '/odd has given 3 answers about one parameter'),
@@ -177,6 +179,7 @@ def test_odd_answers_of_a_camera(
     assert viewer.is_running()
 
 
+@pytest.mark.thorough
 def test_pictures_while_a_camera_does_not_answer(
         start: Start, odd_camera: OddCamera) -> None:
     viewer = start('img_viewer', port=0, control='true')

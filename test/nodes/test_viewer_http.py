@@ -31,7 +31,7 @@ import subprocess
 from typing import Any
 from urllib.parse import urlsplit
 
-from conftest import call_service, DEADLINE, executable, free_domain, NodeProcess
+from conftest import call_service, executable, free_domain, NodeProcess
 import cv2
 import numpy as np
 from opencv_tools.frames import FramePublisher
@@ -41,7 +41,8 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from sensor_msgs.msg import Image
-from viewing import address_of, Camera, fetch, Page, publishing, run_page, until
+from viewing import address_of, Camera, fetch, Page, publishing, run_page
+from waiting import LONGEST_SECONDS, result_of, until
 
 Start = Callable[..., NodeProcess]
 TOKEN = 'open-sesame'
@@ -133,6 +134,7 @@ def test_token_of_the_url_becomes_a_cookie(guarded: NodeProcess) -> None:
     run_page(ask())
 
 
+@pytest.mark.thorough
 def test_token_of_a_file_is_kept(start: Start, tmp_path: Path) -> None:
     tokens = set()
     for _ in range(2):
@@ -199,10 +201,10 @@ def test_half_open_connections(viewer: NodeProcess) -> None:
     with ExitStack() as stack:
         for _ in range(300):
             connection = stack.enter_context(
-                socket.create_connection(('127.0.0.1', port), timeout=DEADLINE))
+                socket.create_connection(('127.0.0.1', port), timeout=LONGEST_SECONDS))
             with suppress(OSError):  # the server may have closed it
                 connection.sendall(b'GET / HTTP/1.1\r\n')
-        with socket.create_connection(('127.0.0.1', port), timeout=DEADLINE,
+        with socket.create_connection(('127.0.0.1', port), timeout=LONGEST_SECONDS,
                                       source_address=('127.0.0.3', 0)) as other:
             other.sendall(b'GET /healthz HTTP/1.0\r\nHost: localhost\r\n\r\n')
             assert other.recv(100).startswith(b'HTTP/1.1 200')
@@ -222,6 +224,7 @@ def test_other_addresses_have_a_token(start: Start) -> None:
     assert others == [] or ipaddress.ip_address(others[0])
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('host', ['evil.example', 'evil.example:8080', 'localhost.evil.example'])
 def test_foreign_host_is_refused(shared: NodeProcess, host: str) -> None:
     async def ask() -> None:
@@ -320,7 +323,7 @@ def test_hostile_requests(shared: NodeProcess) -> None:
                     b'GET /%ff?topic=%ff HTTP/1.1\r\nHost: localhost\r\n\r\n',
                     b'GET / HTTP/1.1\r\n\r\n',
                     b'GET / HTTP/1.1\r\nHost: localhost\r\nHost: evil.example\r\n\r\n'):
-        with socket.create_connection(('127.0.0.1', port), timeout=60) as connection:
+        with socket.create_connection(('127.0.0.1', port), timeout=LONGEST_SECONDS) as connection:
             answer = b''
             with suppress(OSError):  # the server closes the connection early
                 connection.sendall(request)
@@ -360,6 +363,7 @@ def test_topics_and_their_state(viewer: NodeProcess, node: Node) -> None:
     run_page(ask())
 
 
+@pytest.mark.thorough
 def test_topic_beyond_the_list(viewer: NodeProcess, node: Node) -> None:
     for number in range(MAX_TOPICS + 5):
         node.create_publisher(Image, f'a/t{number}', 1)
@@ -441,6 +445,7 @@ def test_original_of_a_camera_with_raw_and_compressed(viewer: NodeProcess, node:
     run_page(ask())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('encoding', 'suffix'), [('32FC1', 'tiff'), ('64FC2', 'npy')])
 def test_snapshot_in_the_first_lossless_format(
         viewer: NodeProcess, node: Node, encoding: str, suffix: str) -> None:
@@ -492,6 +497,7 @@ def test_snapshot_of_a_compressed_topic_is_unchanged(viewer: NodeProcess, node: 
         run_page(ask())
 
 
+@pytest.mark.thorough
 def test_unread_snapshot_is_a_viewer(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, viewers=1)
     camera = Camera(node, 'map', latched=True)
@@ -502,7 +508,7 @@ def test_unread_snapshot_is_a_viewer(start: Start, node: Node) -> None:
         await until_listed(url, '/map')
         with socket.socket() as unread:
             unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-            unread.settimeout(DEADLINE)
+            unread.settimeout(LONGEST_SECONDS)
             unread.connect((urlsplit(url).hostname, urlsplit(url).port))
             unread.sendall(b'GET /snapshot?topic=/map&format=original HTTP/1.1\r\n'
                            b'Host: localhost\r\n\r\n')
@@ -566,7 +572,7 @@ async def read_parts(url: str, path: str, count: int) -> list[bytes]:
     begins = f'--{boundary[1]}\r\nContent-Type: image/jpeg\r\n'.encode()
     parts = []
     while len(parts) <= count:
-        part = await asyncio.wait_for(reader.readuntil(begins), DEADLINE)
+        part = await result_of(reader.readuntil(begins))
         parts.append(part.removesuffix(begins).partition(b'\r\n\r\n')[2].removesuffix(b'\r\n'))
     writer.close()
     return parts[1:]
@@ -650,12 +656,13 @@ def test_page_of_a_stream(shared: NodeProcess) -> None:
     assert '<script' not in text
 
 
+@pytest.mark.thorough
 def test_tls(start: Start, tmp_path: Path) -> None:
     certificate, key = tmp_path / 'certificate.pem', tmp_path / 'key.pem'
     subprocess.run(
         ['openssl', 'req', '-x509', '-newkey', 'ec', '-pkeyopt', 'ec_paramgen_curve:P-256',
          '-nodes', '-days', '2', '-subj', '/CN=localhost', '-keyout', str(key), '-out',
-         str(certificate)], check=True, capture_output=True, timeout=60)
+         str(certificate)], check=True, capture_output=True, timeout=LONGEST_SECONDS)
     viewer = start('img_viewer', port=0, token=TOKEN, certificate=certificate, key=key)
 
     async def ask() -> None:

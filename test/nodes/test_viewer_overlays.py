@@ -15,7 +15,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 
 from conftest import NodeProcess
@@ -24,7 +23,8 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from viewing import address_of, Camera, Page, run_page, until
+from viewing import address_of, Camera, Page, run_page
+from waiting import pause_loop, until
 
 Start = Callable[..., NodeProcess]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -50,6 +50,7 @@ async def open_page(viewer: NodeProcess, *topics: str) -> Page:
     return page
 
 
+@pytest.mark.thorough
 def test_only_published_topics_of_boxes(viewer: NodeProcess, node: Node) -> None:
     Camera(node, '/image', latched=True).publish(GRAY)
     detector = Detector(node, '/boxes', LATCHED)
@@ -72,6 +73,7 @@ def test_only_published_topics_of_boxes(viewer: NodeProcess, node: Node) -> None
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_topic_of_boxes_that_ends_and_comes_again(viewer: NodeProcess, node: Node) -> None:
     Camera(node, '/image', latched=True).publish(GRAY)
     boxes = [(1.0, 2.0, 3.0, 4.0, 0.0, 'cup', 0.5)]
@@ -93,6 +95,7 @@ def test_topic_of_boxes_that_ends_and_comes_again(viewer: NodeProcess, node: Nod
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_topics_of_the_parameter(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, topics='/image,/boxes')
     Camera(node, '/image', latched=True).publish(GRAY)
@@ -136,6 +139,7 @@ def test_requests_that_are_refused(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_publisher_of_many_messages(viewer: NodeProcess, node: Node) -> None:
     Camera(node, '/image', latched=True).publish(GRAY)
     detector = Detector(node, '/boxes')
@@ -148,7 +152,7 @@ def test_publisher_of_many_messages(viewer: NodeProcess, node: Node) -> None:
         for number in range(2000):
             detector.publish(SECOND, [(1, 2, 3, 4, 0, str(number), 1)])
             if number % 10 == 0:
-                await asyncio.sleep(0.01)
+                await pause_loop(0.01)
         labels = []
         while not labels or labels[-1] != '1999 1.00':
             boxes = await page.text('boxes')

@@ -37,7 +37,8 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
-from viewing import address_of, Camera, Page, publishing, run_page, until
+from viewing import address_of, Camera, Page, publishing, run_page
+from waiting import until
 
 Start = Callable[..., NodeProcess]
 GRAY = np.full((48, 64, 3), 90, np.uint8)
@@ -160,6 +161,7 @@ def test_frames_of_two_topics(start: Start, node: Node, tmp_path: Path) -> None:
         viewer.output)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_bag_of_a_viewer_that_ends(
         start: Start, node: Node, tmp_path: Path, number: int) -> None:
@@ -205,6 +207,7 @@ def test_bag_of_a_killed_viewer(start: Start, node: Node, tmp_path: Path) -> Non
     assert len(images_in(bag)['/image']) == 20
 
 
+@pytest.mark.thorough
 def test_second_bag_of_a_second(start: Start, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'bags'
     viewer = start('img_viewer', port=0, control='true', record_dir=folder)
@@ -262,6 +265,7 @@ def test_ten_thousand_names(start: Start, tmp_path: Path) -> None:
     run_page(act())
 
 
+@pytest.mark.thorough
 def test_last_seconds_of_two_topics(start: Start, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'bags'
     viewer = start('img_viewer', port=0, control='true', record_dir=folder)
@@ -364,6 +368,7 @@ def test_folder_that_cannot_be_used(start: Start, tmp_path: Path) -> None:
     assert 'Traceback' not in viewer.output
 
 
+@pytest.mark.thorough
 def test_folder_without_permission(
         start: Start, tmp_path: Path, mount_namespace: tuple[str, ...]) -> None:
     within = [*mount_namespace, 'sh', '-c',
@@ -376,6 +381,7 @@ def test_folder_without_permission(
     assert 'Traceback' not in viewer.output
 
 
+@pytest.mark.thorough
 def test_topic_without_frames_and_topic_that_ends(
         start: Start, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'bags'
@@ -400,6 +406,7 @@ def test_topic_without_frames_and_topic_that_ends(
     assert 'Traceback' not in viewer.output
 
 
+@pytest.mark.thorough
 def test_silent_topics_have_reasons_of_their_own(
         start: Start, node: Node, tmp_path: Path) -> None:
     viewer = start('img_viewer', port=0, control='true', record_dir=tmp_path / 'bags')
@@ -459,6 +466,7 @@ def test_recording_without_a_frame(start: Start, node: Node, tmp_path: Path) -> 
     assert recorded_files(folder) == []
 
 
+@pytest.mark.thorough
 def test_removed_folder(start: Start, node: Node, tmp_path: Path) -> None:
     folder = tmp_path / 'bags'
     viewer = start('img_viewer', port=0, control='true', record_dir=folder)
@@ -490,6 +498,7 @@ def disk(tmp_path: Path, mount_namespace: tuple[str, ...]) -> tuple[Path, list[s
                     f'mount -t tmpfs -o size=1030000000 none {folder} && exec "$@"', 'sh']
 
 
+@pytest.mark.thorough
 def test_recording_ends_before_the_disk_is_full(
         start: Start, node: Node, disk: tuple[Path, Sequence[str]]) -> None:
     folder, within = disk
@@ -522,6 +531,7 @@ def test_recording_ends_before_the_disk_is_full(
     assert 'Traceback' not in viewer.output
 
 
+@pytest.mark.thorough
 def test_full_disk(start: Start, node: Node, tmp_path: Path) -> None:
     viewer = start('img_viewer', port=0, control='true', record_dir=tmp_path / 'bags')
     camera = Camera(node, '/image')

@@ -32,7 +32,8 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
-from viewing import address_of, fetch, Page, publishing, run_page, until
+from viewing import address_of, fetch, Page, publishing, run_page
+from waiting import until
 
 Start = Callable[..., NodeProcess]
 
@@ -85,6 +86,7 @@ def test_robot_with_its_positions(viewer: NodeProcess, robot: RobotNode) -> None
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_floating_joint_by_a_transform(viewer: NodeProcess, robot: RobotNode) -> None:
     async def look() -> None:
         robot.describe(ROBOT)
@@ -109,6 +111,7 @@ def has_error(reason: str, state: Mapping[str, Any]) -> bool:
     return reason in state['error']
 
 
+@pytest.mark.thorough
 def test_bad_descriptions_keep_the_robot(viewer: NodeProcess, robot: RobotNode) -> None:
     async def look() -> None:
         url = address_of(viewer)
@@ -127,6 +130,7 @@ def test_bad_descriptions_keep_the_robot(viewer: NodeProcess, robot: RobotNode) 
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_large_description(viewer: NodeProcess, robot: RobotNode) -> None:
     async def look() -> None:
         robot.describe(f'<robot name="{"r" * 5_000_000}"/>')
@@ -149,6 +153,7 @@ def test_description_that_is_not_kept(viewer: NodeProcess, robot: RobotNode) -> 
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_publisher_that_is_replaced(
     viewer: NodeProcess, robot: RobotNode,
 ) -> None:
@@ -180,6 +185,7 @@ def has_note(note: str, state: Mapping[str, Any]) -> bool:
     return note in ''.join(state['notes'])
 
 
+@pytest.mark.thorough
 def test_bad_joint_states(viewer: NodeProcess, robot: RobotNode) -> None:
     async def look() -> None:
         robot.describe(ROBOT)
@@ -197,6 +203,7 @@ def test_bad_joint_states(viewer: NodeProcess, robot: RobotNode) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_does_not_answer(viewer: NodeProcess, robot: RobotNode) -> None:
     async def look() -> None:
         robot.describe(ROBOT)
@@ -308,6 +315,7 @@ def test_limit_of_pages_and_topics(start: Start, robot: RobotNode) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_remapped_topic(start: Start, robot: RobotNode, node: Node) -> None:
     viewer = start('img_viewer', '--ros-args', '-r', 'joint_states:=/left/states', '--',
                    port=0)

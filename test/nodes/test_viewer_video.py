@@ -37,7 +37,8 @@ from opencv_tools.viewer.protocol import unpack_video
 import pytest
 from rclpy.node import Node
 from video_packets import packets
-from viewing import address_of, fetch, Page, publishing, run_page, until
+from viewing import address_of, fetch, Page, publishing, run_page
+from waiting import pause_loop, until
 
 Start = Callable[..., NodeProcess]
 
@@ -93,6 +94,7 @@ def viewer(start: Start) -> NodeProcess:
     return start('img_viewer', port=0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('type_name', [FFMPEG_PACKET, COMPRESSED_VIDEO])
 def test_packets_pass_byte_for_byte(type_name: str, viewer: NodeProcess, node: Node) -> None:
     camera, sent = Packets(node, '/front', type_name), packets('h264')
@@ -143,6 +145,7 @@ def test_damaged_packets_are_counted(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_new_subscription_for_a_key_frame(viewer: NodeProcess, node: Node) -> None:
     camera, sent = Packets(node, '/front'), packets('h264')
 
@@ -158,13 +161,14 @@ def test_new_subscription_for_a_key_frame(viewer: NodeProcess, node: Node) -> No
             before = camera.readers(node)
             while camera.readers(node) <= before:
                 await page.send(key='/front')
-                await asyncio.sleep(0.1)
+                await pause_loop(0.1)
         order = itertools.cycle((sent[1], sent[0]))
         assert (await publishing(lambda: camera.publish(next(order)), packet_of(page)))[4]
 
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_falls_behind_twice_gets_smaller_video(
         viewer: NodeProcess, node: Node) -> None:
     camera, order = Packets(node, '/front'), itertools.cycle(packets('h264'))
@@ -172,7 +176,7 @@ def test_page_that_falls_behind_twice_gets_smaller_video(
     async def publish() -> None:
         while True:
             camera.publish(next(order))
-            await asyncio.sleep(0.02)
+            await pause_loop(0.02)
 
     async def fall_behind(page: Page) -> None:
         """Answer nothing until the page gets nothing, then answer everything."""
@@ -205,6 +209,7 @@ def test_page_that_falls_behind_twice_gets_smaller_video(
     run_page(look())
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('announced', [None, [], ['av1']])
 def test_pages_without_the_codec_get_jpeg(
         announced: list[str] | None, viewer: NodeProcess, node: Node) -> None:
@@ -228,6 +233,7 @@ def test_pages_without_the_codec_get_jpeg(
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_snapshot_and_stream_of_a_video_topic(viewer: NodeProcess, node: Node) -> None:
     camera, (key, *_) = Packets(node, '/front'), packets('h264')
 
@@ -249,6 +255,7 @@ def test_snapshot_and_stream_of_a_video_topic(viewer: NodeProcess, node: Node) -
     run_page(look())
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('message', [
     {'codecs': 'h264'}, {'codecs': [1]}, {'codecs': ['h264'] * 99}, {'key': 5}, {'key': ''}])
 def test_hostile_messages(message: dict[str, Any], viewer: NodeProcess) -> None:
@@ -261,6 +268,7 @@ def test_hostile_messages(message: dict[str, Any], viewer: NodeProcess) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_page_that_reads_no_video(viewer: NodeProcess, node: Node) -> None:
     camera, sent = Packets(node, '/front'), packets('h264')
 
@@ -274,7 +282,7 @@ def test_page_that_reads_no_video(viewer: NodeProcess, node: Node) -> None:
         for step in range(60):
             camera.publish(sent[step % len(sent)])
             await packet_of(page)
-            await asyncio.sleep(0.02)
+            await pause_loop(0.02)
         state = await silent.status(lambda state: state['sent'])
         while not state['sent']['skipped']:
             camera.publish(sent[0])
@@ -283,6 +291,7 @@ def test_page_that_reads_no_video(viewer: NodeProcess, node: Node) -> None:
     run_page(look())
 
 
+@pytest.mark.thorough
 def test_width_of_the_node_needs_jpeg(start: Start, node: Node) -> None:
     viewer = start('img_viewer', port=0, width=80)
     camera, (key, *_) = Packets(node, '/front'), packets('h264', 320, 240)

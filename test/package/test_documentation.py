@@ -127,6 +127,7 @@ def protected(block: Block, project: Path, namespace: tuple[str, ...]) -> tuple[
     return (*namespace, 'bash', '-c', f'{"".join(mounts)}exec "$@"', 'bash')
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('blocks', [*_programs()])
 def test_python_blocks(blocks: list[Block], project: Path) -> None:

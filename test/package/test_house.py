@@ -19,6 +19,7 @@ from __future__ import annotations
 import ast
 from collections import Counter
 from collections.abc import Iterator
+from functools import cache
 import importlib.util
 from pathlib import Path
 import re
@@ -47,10 +48,15 @@ def _load_write_imports() -> ModuleType:
 WRITE_IMPORTS = _load_write_imports()
 
 
+@cache
+def _tree(path: str) -> ast.AST:
+    return ast.parse(SOURCES[path])
+
+
 def nodes_of(kind: type | tuple[type, ...]) -> Iterator[tuple[str, ast.AST]]:
     """Yield each definition of a kind with a name for it: ``file:name``."""
-    for path, text in SOURCES.items():
-        for node in ast.walk(ast.parse(text)):
+    for path in SOURCES:
+        for node in ast.walk(_tree(path)):
             if isinstance(node, kind):
                 yield f'{path}:{getattr(node, "name", "")}', node
 

@@ -43,6 +43,7 @@ def share(prefix: Path) -> Path:
     return folder
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.process
 @pytest.mark.parametrize('name', EXECUTABLES)
 def test_executables_stand_beside_python(name: str) -> None:

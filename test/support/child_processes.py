@@ -26,21 +26,13 @@ import re
 import signal
 import subprocess
 from threading import Thread
-import time
 
-from conftest import created_segments, DEADLINE, is_fastdds
+from conftest import created_segments, is_fastdds
 from prepared import programs
+from waiting import wait_until, work_of
 
 _COLOUR = re.compile('\x1b\\[[0-9;]*m')
 _SHARED_FILE = re.compile(r'/dev/shm/\S*(?:fast(?:rtps|dds)_[0-9a-f]{16}|opencv_tools_\S+)')
-
-
-def wait_until(condition: Callable[[], bool], name: str, seconds: float = DEADLINE) -> None:
-    """Wait for a condition."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f'did not come: {name}'
-        time.sleep(0.02)
 
 
 def shared_files(process: Path) -> set[Path]:
@@ -116,7 +108,13 @@ class Child:
             assert met or self.is_running(), f'ended before {name}:\n{self.output}'
             return met
 
-        wait_until(is_met, name)
+        wait_until(is_met, name, **self._counters())
+
+    def _counters(self) -> dict[str, Callable[[], object]]:
+        """Return what grows while the process makes progress."""
+        return {'journal': lambda: len(self.events()),
+                'output': lambda: self._console.stat().st_size,
+                'work': lambda: work_of(self._process.pid)}
 
     def is_running(self) -> bool:
         """Return whether the process is running."""
@@ -135,11 +133,11 @@ class Child:
         else:
             os.write(self._terminal, b'\x03')
 
-    def finish(self, seconds: float = DEADLINE) -> int:
+    def finish(self) -> int:
         """Return the exit status, -N after signal N."""
         self.find_shared_files()
         wait_until(lambda: not self.is_running(), f'the end of {self.journal.stem}',
-                   seconds)
+                   **self._counters())
         self._close()
         return self._process.returncode
 

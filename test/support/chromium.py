@@ -17,19 +17,18 @@
 from __future__ import annotations
 
 from base64 import b64decode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import json
 from pathlib import Path
 import select
 import subprocess
 import tempfile
-import time
 from typing import Any
 
+from waiting import wait_until, work_of
+
 BROWSER = 'chromium-headless-shell'
-DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
-_POLL_SECONDS = 0.02
 _READ_BYTES = 1 << 20
 # The browser reads commands from file 3 and writes answers to file 4, so no port is needed.
 _AS_FILES_3_AND_4 = 'exec "$@" 3<&0 4>&1 0</dev/null 1>&2'
@@ -96,20 +95,19 @@ class Browser:
         assert self._process.stdin is not None
         self._process.stdin.write(json.dumps(command).encode() + b'\0')
         number = self._number
-        deadline = time.monotonic() + DEADLINE
-        while number not in self._answers:
-            self._read(deadline - time.monotonic())
+        wait_until(lambda: self._read() or number in self._answers, f'the answer to {method}',
+                   work=lambda: work_of(self._process.pid))
         answer = self._answers.pop(number)
         if 'error' in answer:
             raise PageError(f'{method}: {answer["error"]["message"]}')
         return dict(answer['result'])
 
-    def _read(self, timeout: float) -> None:
-        """Read answers and events, at least a part of one."""
+    def _read(self) -> None:
+        """Read answers and events, if a part of one comes within a second."""
         output = self._process.stdout
         assert output is not None
-        if not select.select([output], [], [], max(0.0, timeout))[0]:
-            raise TimeoutError('the browser does not answer')
+        if not select.select([output], [], [], 1.0)[0]:
+            return
         read = output.read(_READ_BYTES)
         assert read, f'the browser has ended:\n{self.log.read_text()}'
         *messages, self._rest = (self._rest + read).split(b'\0')
@@ -234,10 +232,3 @@ def new_browser(
             browser.close()
 
 
-def wait_until(condition: Callable[[], Any], name: str = 'the condition') -> Any:
-    """Wait until a condition holds, and return its value."""
-    deadline = time.monotonic() + DEADLINE
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f'{name} did not come'
-        time.sleep(_POLL_SECONDS)
-    return value

@@ -25,9 +25,10 @@ import subprocess
 import sys
 import time
 
-from conftest import DEADLINE, executable
+from conftest import executable
 from documentation import add_stand_ins, copy_used, ROOT
 from documented_commands import COMMANDS, PARAMETERS
+from waiting import pause, wait_until, work_of
 
 
 def copy_project(folder: Path) -> Path:
@@ -80,16 +81,18 @@ def run(command: Sequence[str], root: Path, until: str = '') -> tuple[int, str]:
 
 def _wait(process: subprocess.Popen[bytes], log: Path, until: str) -> None:
     """Wait for the end of a process, and interrupt its group after each line with a text."""
-    begin = time.monotonic()
     seen = 0
-    while process.poll() is None:
-        if time.monotonic() > begin + DEADLINE:
-            raise AssertionError(f'did not end:\n{log.read_text()}')
+
+    def has_ended() -> bool:
+        nonlocal seen
         output = log.read_text()
-        if until and until in output[seen:]:
+        if until and until in output[seen:] and process.poll() is None:
             os.killpg(process.pid, signal.SIGINT)
             seen = len(output)
-        time.sleep(0.02)
+        return process.poll() is not None
+
+    wait_until(has_ended, f'the end of {process.args!r}', output=lambda: log.stat().st_size,
+               work=lambda: work_of(process.pid))
 
 
 def _end_session(process: subprocess.Popen[bytes]) -> None:
@@ -102,7 +105,7 @@ def _end_session(process: subprocess.Popen[bytes]) -> None:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL if is_late else signal.SIGTERM)
         asked |= members
-        time.sleep(0.05)
+        pause(0.05)
         process.poll()
 
 

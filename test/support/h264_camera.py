@@ -23,6 +23,7 @@ import time
 from opencv_tools.capture.v4l2.device import DequeuedBuffer
 from opencv_tools.capture.v4l2.modes import Mode
 import pytest
+from waiting import pause
 
 DEVICE = '/dev/video77'
 _FORCE_KEY_FRAME = 0x009909e5
@@ -78,7 +79,7 @@ class H264Device:
 
     def wait(self, seconds: float) -> bool:
         if not self._filled:
-            time.sleep(min(seconds, 0.005))
+            pause(min(seconds, 0.005))
         return bool(self._filled)
 
     def dequeue(self) -> DequeuedBuffer | None:

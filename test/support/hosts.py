@@ -22,8 +22,9 @@ import json
 from pathlib import Path
 import subprocess
 
+from waiting import communicate, LONGEST_SECONDS
+
 INTERFACE = 'eth0'
-TIMEOUT = 10.0  # seconds that a command may last
 
 # A host lasts as long as a process in it. This one ends with its input: with us at the latest.
 _KEEPER = """
@@ -78,7 +79,7 @@ class Host:
         """Run a command there, with a text as its input; what it prints."""
         return subprocess.run(
             [*self.within, *command], input=text, check=True, text=True, stdout=subprocess.PIPE,
-            timeout=TIMEOUT).stdout
+            timeout=LONGEST_SECONDS).stdout
 
     def apply_rules(self, rules: str) -> None:
         """Drop packets as rules of nftables say."""
@@ -111,7 +112,7 @@ class Host:
 
     def close(self) -> None:
         """Release the host; it ends with its last process."""
-        self._keeper.communicate(timeout=TIMEOUT)
+        communicate(self._keeper)
 
 
 @contextmanager

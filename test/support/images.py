@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
 from opencv_tools.image.cdr import NO_HEADER, WireHeader, WireImage
 from opencv_tools.image.encodings import find_encoding
+from waiting import LONGEST_SECONDS
 
 DATA = Path(__file__).parents[1] / 'data'
 RANDOM = np.random.default_rng(2)
@@ -115,6 +116,7 @@ import pickle, sys
 import numpy as np
 from cv_bridge.boost.cv_bridge_boost import cvtColor2
 from cv2 import __version__ as version
+
 answers = []
 for source, dtype, shape, data, desired in pickle.load(sys.stdin.buffer):
     try:
@@ -140,7 +142,7 @@ def ask_cv_bridge(
                             for source, image, desired in jobs], 2)
     python = shutil.which('python3', path='/usr/bin')
     finished = subprocess.run(
-        [python, '-c', _ORACLE], input=request, capture_output=True, timeout=120,
+        [python, '-c', _ORACLE], input=request, capture_output=True, timeout=LONGEST_SECONDS,
         check=False) if python else None
     if not finished or finished.returncode:
         return None

@@ -28,7 +28,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tornado.websocket import websocket_connect
-from viewing import Page, until
+from viewing import Page
+from waiting import until
 
 TF = 'tf2_msgs/msg/TFMessage'
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -38,6 +38,7 @@ from opencv_tools.video.settings import VideoSettings
 from pair_cases import LOSSY, OWN_TOPICS
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
+from waiting import pause
 
 TOPIC = 'video_frames'
 RATE = 30.0  # Hz
@@ -189,11 +190,11 @@ class CheckingReceiver(FrameNode):
         if self._hold.exists():
             self._journal.write('held')
             while self._hold.exists():
-                time.sleep(0.01)
+                pause(0.01)
             if self._callback == 'raising':
                 raise RuntimeError('of the callback')
         if self._callback == 'slow':
-            time.sleep(SLOW_SECONDS)
+            pause(SLOW_SECONDS)
         self._journal.write('done')
 
     def close(self) -> int:

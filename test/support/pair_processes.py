@@ -24,16 +24,13 @@ import re
 import sys
 import time
 
-from child_processes import Child, Event, shared_files, wait_until
+from child_processes import Child, Event, shared_files
 from conftest import executable, is_fastdds, read_manifest, read_pictures, remove_unused
 import numbered_nodes
 from numbered_pictures import number_of
 from opencv_tools.transport.shared_frames.memory import process_memory
 from pair_cases import Case, LOSSY
 
-# Generous: Ctrl-C ends a receiver in less than 3 s. A recorder writes what it has received.
-_END_SECONDS = 20.0
-_RECORDER_END_SECONDS = 60.0
 _IDLE_TICKS = 5
 _SLOW_SCALE = 5  # of pictures that take longer to encode than the camera needs for the next one
 _SUMMARY = re.compile(
@@ -138,11 +135,7 @@ class OwnReceiver(Child):
         self._interrupted_at = time.monotonic()
         super().press_ctrl_c()
         if self._case.receiver == 'threaded':
-            wait_until(lambda: bool(self.events('closing')), 'the end of the node', _END_SECONDS)
-
-    def finish(self, seconds: float = _END_SECONDS) -> int:
-        """Return the exit status, -N after signal N."""
-        return super().finish(seconds)
+            self.wait_for(lambda: bool(self.events('closing')), 'the end of the node')
 
     def release(self) -> None:
         """Let the callback return."""
@@ -214,10 +207,6 @@ class Recorder(Child):
         """Wait until no frame is coming, which is logged once after each of the publishers."""
         self.wait_for(lambda: 'No frames: ' in self.output.rpartition('Frames arrive on')[2],
                       'the warning that no frames arrive')
-
-    def finish(self, seconds: float = _RECORDER_END_SECONDS) -> int:
-        """Return the exit status, -N after signal N."""
-        return super().finish(seconds)
 
     def hold(self) -> None:
         """Do nothing: the recorder takes frames all the time."""

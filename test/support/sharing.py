@@ -29,8 +29,7 @@ from typing import Any
 from weakref import WeakSet
 import zlib
 
-from child_processes import wait_until
-from conftest import DEADLINE, executor_of
+from conftest import executor_of
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames import Frame, FramePublisher
@@ -48,6 +47,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
+from waiting import pause, wait_until, work, work_of
 
 TOPIC = '/video_frames'
 LARGEST = 1080 * 1920 * 3  # bytes for which the process of a camera reserves memory
@@ -224,17 +224,18 @@ class Viewer:
 
         It looks at the condition first, so it publishes nothing if the condition holds at once;
         without cameras it only spins. A camera waits while this viewer lacks ``window`` of its
-        frames. Fails if the condition does not hold within ``DEADLINE``, and then shows the
-        numbers received. Of the frames, it asserts only the pixels, as `_take` does.
+        frames. Of the frames, it asserts only the pixels, as `_take` does.
         """
-        end = time.monotonic() + DEADLINE
+        def step() -> None:
+            for camera in cameras:
+                if camera.sent - len(self.numbers.get(camera.name, ())) < window:
+                    camera.send()
+            executor.spin_once(timeout_sec=0.002)
+
         with executor_of(self.node) as executor:
-            while not condition():
-                assert time.monotonic() < end, self.numbers
-                for camera in cameras:
-                    if camera.sent - len(self.numbers.get(camera.name, ())) < window:
-                        camera.send()
-                executor.spin_once(timeout_sec=0.002)
+            wait_until(condition, 'the condition', step, work=work,
+                       sent=lambda: [camera.sent for camera in cameras],
+                       received=lambda: {name: len(found) for name, found in self.numbers.items()})
 
     def watch_sharing(self, *cameras: Camera | RemoteCamera) -> None:
         """Publish until only shared memory is used and the newest 21 frames came from it."""
@@ -274,14 +275,14 @@ def hold_threads(monkeypatch: pytest.MonkeyPatch) -> Callable[[Iterable[SharedSo
     """
     Return a function that has the threads of some sources receive nothing more.
 
-    It returns when each of these threads is held, and fails if one is not within ``DEADLINE``.
+    It returns when each of these threads is held.
     It holds the threads of all other sources as well, until the end of the test.
     """
     held: WeakSet[SharedSource] = WeakSet()
 
     def wait(source: SharedSource) -> None:
         held.add(source)
-        time.sleep(0.01)
+        pause(0.01)
 
     def _hold(sources: Iterable[SharedSource]) -> None:
         monkeypatch.setattr(SharedSource, '_wait', wait)
@@ -316,12 +317,13 @@ class RemoteViewer:
                 if line.startswith('["')]  # Fast DDS prints its errors
 
     def wait_until(self, condition: Callable[[], bool]) -> None:
-        """Wait for a condition; fail after ``DEADLINE``, or at once if the process has ended."""
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert self._process.poll() is None, f'ended with status {self._process.poll()}'
-            assert time.monotonic() < end, f'did not come: {self.frames[-3:]}'
-            time.sleep(0.02)
+        """Wait for a condition; fail at once if the process has ended."""
+        def is_met() -> bool:
+            met = condition()
+            assert met or self.is_running(), f'ended with status {self._process.poll()}'
+            return met
+
+        wait_until(is_met, frames=lambda: len(self.frames), work=lambda: work_of(self.pid))
 
     def has_shared(self, count: int, name: str = '') -> bool:
         """Return whether the newest frames came from shared memory, the last from a camera."""
@@ -376,7 +378,7 @@ def send_until(camera: RemoteCamera, viewer: RemoteViewer, condition: Callable[[
     Publish, a few frames ahead of a viewer or a few per second, until a condition holds.
 
     At least one frame is published before the first look at the condition. Nothing is asserted of
-    the frames. Fails if the condition does not hold within ``DEADLINE``, or the viewer ends.
+    the frames. Fails if the viewer ends.
 
     :param picture: encoding, height and width of the frames, as for `Camera.send`.
     """

@@ -20,9 +20,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import random
 import threading
-import time
 from types import FrameType
 from typing import Any
+
+from waiting import pause
 
 
 @contextmanager
@@ -33,7 +34,7 @@ def switching_in(function: Callable[..., object]) -> Iterator[None]:
 
     def trace_lines(frame: FrameType, event: str, argument: Any) -> Any:
         if event == 'line':
-            time.sleep(moments.uniform(0, 0.0005))
+            pause(moments.uniform(0, 0.0005))
         return trace_lines
 
     def trace(frame: FrameType, event: str, argument: Any) -> Any:

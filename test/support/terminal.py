@@ -23,7 +23,8 @@ import pty
 import select
 import subprocess
 
-from conftest import DEADLINE, executable
+from conftest import executable
+from waiting import status_of, wait_until, work_of
 
 
 class Terminal:
@@ -46,7 +47,7 @@ class Terminal:
         """Read all that the process prints, and return its exit status."""
         while self._read():
             pass
-        return self._process.wait(DEADLINE)
+        return status_of(self._process)
 
     def close(self) -> None:
         """End the process by SIGTERM, or by SIGKILL after 5 s."""
@@ -60,7 +61,8 @@ class Terminal:
 
     def _read(self) -> bool:
         """Read what is printed next; return whether the process may print more."""
-        assert select.select([self._master], [], [], DEADLINE)[0], self.text
+        wait_until(lambda: select.select([self._master], [], [], 0)[0], f'text after {self.text}',
+                   work=lambda: work_of(self._process.pid))
         try:
             self.text += os.read(self._master, 1 << 16).decode(errors='replace')
         except OSError:  # the other end is closed

@@ -30,14 +30,13 @@ import shutil
 import signal
 import subprocess
 import tempfile
-import time
 
 import cv2
 from documentation import (
     add_stand_ins, Block, copy_used, matches, PAGES, read_blocks, ROOT)
 import numpy as np
+from waiting import status_of, wait_until, work_of
 
-_SECONDS = 120.0  # that any command may last, on the busiest machine
 _PROMPT = re.compile(r'<status (\d+)> ')
 _CTRL_C = b'\x03'
 
@@ -65,11 +64,10 @@ class Shell:
         """
         os.write(self._master, f'{command}\n'.encode())
         output, self._later = self._later, ''
-        end = time.monotonic() + _SECONDS
         while (prompt := _PROMPT.search(output)) is None:
-            left = end - time.monotonic()
-            assert left > 0 and select.select([self._master], [], [], left)[0], (
-                f'{command!r} did not end:\n{output}')
+            wait_until(lambda: select.select([self._master], [], [], 0)[0],
+                       f'the end of {command!r} after {output!r}',
+                       work=lambda: work_of(self._process.pid))
             output += os.read(self._master, 1 << 16).decode(errors='replace').replace('\r', '')
             if until and until in output:
                 os.write(self._master, _CTRL_C)
@@ -80,7 +78,7 @@ class Shell:
     def close(self) -> None:
         """End the shell, which ends its processes in the background."""
         self._process.send_signal(signal.SIGHUP)
-        self._process.wait(_SECONDS)
+        status_of(self._process)
         os.close(self._master)
 
 

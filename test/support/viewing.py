@@ -25,7 +25,7 @@ import re
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from conftest import DEADLINE, NodeProcess
+from conftest import NodeProcess
 import cv2
 import numpy as np
 from opencv_tools.viewer.protocol import unpack_frame
@@ -36,6 +36,7 @@ from sending import stamped
 from sensor_msgs.msg import CompressedImage, Image
 from tornado.httpclient import AsyncHTTPClient, HTTPRequest, HTTPResponse
 from tornado.websocket import websocket_connect, WebSocketClientConnection
+from waiting import LONGEST_SECONDS, pause_loop, result_of, until
 
 _T = TypeVar('_T')
 
@@ -76,7 +77,7 @@ class Page:
 
     async def read(self) -> ShownPicture | dict[str, Any]:
         """Read the next message; a closed connection fails the test."""
-        message = await asyncio.wait_for(self.socket.read_message(), DEADLINE)
+        message = await result_of(self.socket.read_message(), 'a message')
         assert message is not None, f'closed: {self.socket.close_code}'
         if isinstance(message, bytes):
             return ShownPicture(*unpack_frame(message))
@@ -116,7 +117,7 @@ class Page:
 
     async def close_code(self) -> int | None:
         """Read until the server closes the connection."""
-        while await asyncio.wait_for(self.socket.read_message(), DEADLINE) is not None:
+        while await result_of(self.socket.read_message(), 'the end') is not None:
             pass
         return self.socket.close_code
 
@@ -159,12 +160,12 @@ class PausedPage:
     async def end(self) -> None:
         """Read until the server has closed the connection."""
         with suppress(ConnectionError):
-            while await asyncio.wait_for(self._reader.read(1 << 16), DEADLINE):
+            while await result_of(self._reader.read(1 << 16), 'the end'):
                 pass
         self._writer.close()
 
     async def _read(self, size: int) -> bytes:
-        return await asyncio.wait_for(self._reader.readexactly(size), DEADLINE)
+        return await result_of(self._reader.readexactly(size), 'a message')
 
 
 def address_of(viewer: NodeProcess) -> str:
@@ -177,24 +178,16 @@ def address_of(viewer: NodeProcess) -> str:
 
 def run_page(work: Coroutine[Any, Any, _T]) -> _T:
     """Run the part of a test that uses the server."""
-    return asyncio.run(asyncio.wait_for(work, 2 * DEADLINE))
+    return asyncio.run(result_of(work, 'the end of the part'))
 
 
 async def fetch(url: str, path: str = '/', method: str = 'GET', **headers: str) -> HTTPResponse:
     """Return the answer to a request, given the address that the server has printed."""
     base = url.partition('?')[0].rstrip('/')
     return await AsyncHTTPClient().fetch(
-        HTTPRequest(base + path, method=method, headers=headers, request_timeout=DEADLINE,
+        HTTPRequest(base + path, method=method, headers=headers, request_timeout=LONGEST_SECONDS,
                     follow_redirects=False, allow_nonstandard_methods=True, validate_cert=False),
         raise_error=False)
-
-
-async def until(condition: Callable[[], Any]) -> None:
-    """Wait for a condition."""
-    deadline = asyncio.get_running_loop().time() + DEADLINE
-    while not condition():
-        assert asyncio.get_running_loop().time() < deadline, 'the condition did not come to hold'
-        await asyncio.sleep(0.02)
 
 
 async def publishing(publish: Callable[[], object], work: Awaitable[_T]) -> _T:
@@ -202,7 +195,7 @@ async def publishing(publish: Callable[[], object], work: Awaitable[_T]) -> _T:
     async def repeat() -> None:
         while True:
             publish()
-            await asyncio.sleep(0.05)
+            await pause_loop(0.05)
 
     task = asyncio.ensure_future(repeat())
     try:

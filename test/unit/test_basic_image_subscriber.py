@@ -17,12 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 import re
 from threading import Event
 import time
 
-from conftest import DEADLINE, recorded_files
+from conftest import recorded_files
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.recording.image_sink import ImageSink
@@ -35,6 +36,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
+from waiting import join, wait_until
 
 TOPIC = '/video_frames'
 IMAGE = Image(height=1, width=1, encoding='mono8', step=1, data=[1])
@@ -73,11 +75,8 @@ def create(domain: int, tmp_path: Path) -> Iterator[Create]:
 
 def wait_until_matched(publisher: Publisher, subscriber: ImageSubscriber) -> None:
     """Wait until both ends have discovered each other."""
-    deadline = time.monotonic() + DEADLINE
-    while not (publisher.get_subscription_count()
-               and subscriber.subscription._sources.image._reader.publisher_count()):
-        assert time.monotonic() < deadline, 'the publisher was not discovered'
-        time.sleep(0.01)
+    wait_until(lambda: publisher.get_subscription_count()
+               and subscriber.subscription._sources.image._reader.publisher_count(), 'the match')
 
 
 def test_steps_of_a_received_message(
@@ -90,10 +89,8 @@ def test_steps_of_a_received_message(
     subscriber, executor = create()
     wait_until_matched(publisher, subscriber)
     publisher.publish(IMAGE)
-    deadline = time.monotonic() + DEADLINE
     with pytest.raises(PutError) as raised:
-        while time.monotonic() < deadline:
-            executor.spin_once(timeout_sec=0.05)
+        wait_until(lambda: False, 'the error', partial(executor.spin_once, timeout_sec=0.05))
     names = [entry.name for entry in raised.traceback]
     steps = names[names.index('handler'):]
     assert 'listener_callback' in steps and steps[-1] == 'put'
@@ -201,17 +198,15 @@ def test_overridden_callback(
     assert len(recorded_files(tmp_path)) == 1
 
 
+@pytest.mark.thorough
 def test_exact_sum_of_20000_frames(
         create: Create, camera: Node, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     subscriber, executor = create(
         on_overflow='block', queue_size=1, every_n=100, file_name='f{seq:06d}.npy')
     publisher = camera.create_publisher(Image, TOPIC, 10)
     wait_until_matched(publisher, subscriber)
-    deadline = time.monotonic() + DEADLINE
-    while len(recorded_files(tmp_path)) < 2:
-        assert time.monotonic() < deadline, 'no files were written'
-        publisher.publish(IMAGE)
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(lambda: len(recorded_files(tmp_path)) >= 2, '2 files', lambda: (
+        publisher.publish(IMAGE), executor.spin_once(timeout_sec=0.05)))
     for _ in range(20_000):  # the middleware keeps 5000 of them for the node
         publisher.publish(IMAGE)
     subscriber.close()
@@ -228,6 +223,6 @@ def test_status_after_a_failure_of_the_topics(
     monkeypatch.setattr('opencv_tools.nodes.subscriber.topic_recorder.matches', None)
     camera.create_publisher(Image, '/other', 10)
     subscriber, _ = create(file_name='a.mcap', topics='/other')
-    subscriber._topic_recorder._thread.join(DEADLINE)
+    join(subscriber._topic_recorder._thread)
     assert subscriber.close() == 1
     assert 'the topics are not recorded any more: TypeError' in capfd.readouterr().err

@@ -26,6 +26,7 @@ import sys
 import opencv_tools.commands
 from opencv_tools.version import package_version
 import pytest
+from waiting import LONGEST_SECONDS
 
 SETUP = Path(__file__).parents[2] / 'setup.py'
 
@@ -46,11 +47,12 @@ def test_imports_before_signals_are_handled() -> None:
     script = ('import sys; before = {*sys.modules}; import opencv_tools.commands; '
               'print(len({*sys.modules} - before), {"argparse", "numpy"} & {*sys.modules})')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=60, check=True)
+                              timeout=LONGEST_SECONDS, check=True)
     count, _, slow = finished.stdout.strip().partition(' ')
     assert int(count) < 30 and slow == 'set()'
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.process
 @pytest.mark.parametrize(('command', 'asked', 'threads'), [
     ('img_convert', '', '1'), ('img_viewer', '', '1'), ('robot_frames', '', '1'),
@@ -66,7 +68,7 @@ def test_threads_of_numpy(command: str, asked: str, threads: str) -> None:
         del environment['OPENBLAS_NUM_THREADS']
     finished = subprocess.run(
         [sys.executable, '-c', f'import sys; sys.argv[0] = {command!r}\n{script}'],
-        env=environment, capture_output=True, text=True, timeout=60, check=True)
+        env=environment, capture_output=True, text=True, timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.splitlines()[-1] == threads
 
 
@@ -78,7 +80,7 @@ def test_version_of_all_commands() -> None:
               '    try:\n        getattr(commands, name)()\n'
               '    except SystemExit as end:\n        print(end.code)')
     finished = subprocess.run([sys.executable, '-c', script, *NAMES], capture_output=True,
-                              text=True, timeout=60, check=True)
+                              text=True, timeout=LONGEST_SECONDS, check=True)
     version = importlib.metadata.version('opencv_tools')
     assert finished.stdout == ''.join(f'{name} {version}\n0\n' for name in NAMES)
 

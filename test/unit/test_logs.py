@@ -17,15 +17,14 @@
 from __future__ import annotations
 
 from threading import Barrier, Thread
-import time
 
-from conftest import DEADLINE
 from console import Console
 from opencv_tools.logs import Log, log_if_slow, Throttle
 import pytest
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from switching import switching_in
+from waiting import LONGEST_SECONDS, wait_until
 
 
 class Time:
@@ -127,10 +126,7 @@ def test_threads_write_a_line_once() -> None:
 def test_line_about_slow_work() -> None:
     console = Console()
     with log_if_slow(Log(console), 'slow', 0.0):
-        deadline = time.monotonic() + DEADLINE
-        while not console.lines:
-            assert time.monotonic() < deadline
-            time.sleep(0.001)
-    with log_if_slow(Log(console), 'fast', DEADLINE):
+        wait_until(lambda: console.lines, 'the line')
+    with log_if_slow(Log(console), 'fast', LONGEST_SECONDS):
         pass
     assert console.lines == ['info: slow']

@@ -21,8 +21,8 @@ import signal
 import subprocess
 import sys
 
-from conftest import DEADLINE
 import pytest
+from waiting import LONGEST_SECONDS
 
 pytestmark = pytest.mark.process
 
@@ -48,7 +48,7 @@ def run(body: str, arguments: str = '', within: tuple[str, ...] = (),
     """Return the exit status of a command, which must not print anything."""
     finished = subprocess.run(
         [*within, sys.executable, '-c', END.format(body=body, arguments=arguments)],
-        capture_output=True, text=True, cwd=folder, timeout=DEADLINE, check=False)
+        capture_output=True, text=True, cwd=folder, timeout=LONGEST_SECONDS, check=False)
     assert not finished.stdout + finished.stderr
     return finished.returncode
 
@@ -69,6 +69,7 @@ def test_signal_before_the_command() -> None:
 import os, signal, sys
 from opencv_tools.signals import end_at_signals
 
+
 def handle(number, handler, handle=signal.signal):
     handle(number, handler)
     os.kill(os.getpid(), number)
@@ -77,7 +78,7 @@ signal.signal = handle
 sys.exit(end_at_signals(lambda: 7))
 """
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=DEADLINE, check=False)
+                              timeout=LONGEST_SECONDS, check=False)
     assert (finished.returncode, finished.stderr) == (130, '')
 
 

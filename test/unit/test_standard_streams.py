@@ -23,8 +23,8 @@ import subprocess
 import sys
 
 from closed_streams import CLOSED, closing
-from conftest import DEADLINE
 import pytest
+from waiting import LONGEST_SECONDS
 
 
 @pytest.mark.process
@@ -46,7 +46,7 @@ def test_closed_stream_is_opened_as_dev_null(closed: tuple[str, ...], tmp_path: 
               'file.write("done"); file.close()\n')
     path = tmp_path / 'file'
     subprocess.run([*closing(*closed), sys.executable, '-c', script, str(path)], input='',
-                   capture_output=True, text=True, timeout=60, check=True)
+                   capture_output=True, text=True, timeout=LONGEST_SECONDS, check=True)
     assert path.read_text() == 'done'
 
 
@@ -65,5 +65,5 @@ def test_lost_terminal_does_not_change_the_exit_status(
                           stderr=write) as process:
         os.close(write)
         os.close(read)
-        process.communicate(b'\n', timeout=DEADLINE)
+        process.communicate(b'\n', timeout=LONGEST_SECONDS)
     assert process.returncode == 0

@@ -206,7 +206,7 @@ def peak_memory_of_loading(path: Path, failures: int) -> int:
 
 
 @pytest.mark.process
-@pytest.mark.stress
+@pytest.mark.thorough
 def test_huge_messages_need_less_than_a_gigabyte(path: Path) -> None:
     change(path, *(f'UPDATE messages SET data = zeroblob(900000000) WHERE id = {number}'
                    for number in (1, 2)))
@@ -214,7 +214,7 @@ def test_huge_messages_need_less_than_a_gigabyte(path: Path) -> None:
 
 
 @pytest.mark.process
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.parametrize(('column', 'failures'), [('timestamp', 1), ('topic_id', 0), ('data', 1)])
 @pytest.mark.parametrize('index', ['', 'CREATE INDEX long ON messages ({})'])
 def test_long_text_instead_of_another_value(

@@ -61,6 +61,7 @@ def small_bag(path: Path) -> list[Stored]:
     return [*stored, Stored(INFO.topic, 2 * NANO, info)]
 
 
+@pytest.mark.thorough
 def test_cut_at_every_byte(tmp_path: Path) -> None:
     path = tmp_path / 'cut.mcap'
     stored = small_bag(path)

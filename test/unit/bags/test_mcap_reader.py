@@ -114,6 +114,7 @@ def cut_everywhere(path: Path) -> Iterator[tuple[int, list[Any], list[str]]]:
         yield size, *read_all(cut)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('options', [
     {**PLAIN, 'chunk_size': 80, 'enable_crcs': False}, {'use_chunking': False}], ids=str)
 def test_cut_at_every_byte_keeps_what_is_whole(tmp_path: Path, options: dict[str, Any]) -> None:
@@ -128,6 +129,7 @@ def test_cut_at_every_byte_keeps_what_is_whole(tmp_path: Path, options: dict[str
         assert all('cut.mcap has no end: it was cut off' in report for report in reports)
 
 
+@pytest.mark.thorough
 def test_cut_compressed_bag_keeps_its_whole_chunks(tmp_path: Path) -> None:
     entries = [Entry(BEGAN_NS + number, os.urandom(20)) for number in range(6)]
     path = write_mcap(tmp_path / 'a.mcap', entries, chunk_size=80)
@@ -326,7 +328,7 @@ def peak_memory_of_loading(path: Path) -> int:
     return peak_memory(script, path)
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('name', BOMBS)
 def test_hostile_bag_needs_less_than_400_megabytes(tmp_path: Path, name: str) -> None:
@@ -334,7 +336,7 @@ def test_hostile_bag_needs_less_than_400_megabytes(tmp_path: Path, name: str) ->
     assert peak_memory_of_loading(tmp_path / 'a.mcap') < 400_000
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 def test_chunks_with_the_same_times_need_less_than_a_gigabyte(tmp_path: Path) -> None:
     data = bytes(32 << 20)
@@ -415,6 +417,7 @@ def test_limit_of_all_texts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert [len(topic.definition) for topic in reader.topics] == [1000, 1000, 0, 0, 0]
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_many_topics_with_a_large_type_need_little_memory(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', (Entry(

@@ -32,6 +32,7 @@ from opencv_tools.calibration.view_search import pair_images
 from opencv_tools.convert.cli import main as convert
 import pytest
 from rendered_boards import facing, Pose, poses, small_camera
+from waiting import communicate, LONGEST_SECONDS, status_of
 
 TEXT = 'chessboard:9x6:25mm'
 BOARD = parse_board(TEXT)
@@ -72,6 +73,7 @@ def test_folder_of_images(folders: tuple[Path, Path], tmp_path: Path,
     assert capsys.readouterr().out.endswith('\nVerdict: good\n')
 
 
+@pytest.mark.thorough
 def test_degraded_calibration_of_a_glob(folders: tuple[Path, Path], tmp_path: Path,
                                         capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / 'camera.yaml'
@@ -85,6 +87,7 @@ def test_degraded_calibration_of_a_glob(folders: tuple[Path, Path], tmp_path: Pa
     assert target.read_text() == text
 
 
+@pytest.mark.thorough
 def test_two_cameras(folders: tuple[Path, Path], tmp_path: Path,
                      capsys: pytest.CaptureFixture[str]) -> None:
     targets = tmp_path / 'left.yaml', tmp_path / 'right.yaml'
@@ -99,6 +102,7 @@ def test_two_cameras(folders: tuple[Path, Path], tmp_path: Path,
     assert 'the left camera is at the right: swap the two' in capsys.readouterr().err
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('suffix', ['mp4', 'mcap'])
 def test_video_and_bag_of_still_boards(folders: tuple[Path, Path], tmp_path: Path, suffix: str,
                                        capsys: pytest.CaptureFixture[str]) -> None:
@@ -236,6 +240,7 @@ def test_unequal_numbers_of_images(folders: tuple[Path, Path], tmp_path: Path,
     assert 'the left camera has 9 images, the right one 8: give' in capsys.readouterr().err
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize('kind', ['full', 'pipe'])
 def test_report_that_cannot_be_written(
@@ -250,7 +255,7 @@ def test_report_that_cannot_be_written(
             process.stdout.close()
         assert process.stderr
         error = process.stderr.read()
-        assert process.wait(60) == 1
+        assert status_of(process) == 1
     assert 'Traceback' not in error
     assert read_camera(target).width == 480
 
@@ -277,7 +282,7 @@ def test_command_without_ros(folders: tuple[Path, Path], tmp_path: Path) -> None
               'from opencv_tools.calibration.cli import main\nsys.exit(main(sys.argv[1:]))')
     finished = subprocess.run(
         [sys.executable, '-c', script, folders[0], '--board', TEXT, '-o', tmp_path / 'a.yaml'],
-        capture_output=True, text=True, timeout=60, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert (tmp_path / 'a.yaml').exists()
 
@@ -287,7 +292,7 @@ def test_help_without_slow_imports() -> None:
     script = ('import sys; sys.modules.update(dict.fromkeys(("numpy", "cv2", "yaml")))\n'
               'from opencv_tools.calibration.cli import main\nmain(["--help"])')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=30, check=True)
+                              timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.startswith('usage: img_calibrate ')
 
 
@@ -301,6 +306,6 @@ def test_interrupt(folders: tuple[Path, Path], tmp_path: Path) -> None:
         assert process.stderr
         assert process.stderr.readline().startswith('img_calibrate: Searching image 1: ')
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = communicate(process)
     assert process.returncode == 1 and errors.endswith('img_calibrate: error: interrupted\n')
     assert not (tmp_path / 'a.yaml').exists()

@@ -50,6 +50,7 @@ def test_all_corners_of_a_whole_board(board: Board, turn: float) -> None:
     assert errors(found, board, pose) < 0.2
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('board', BOARDS)
 def test_fast_search_in_a_smaller_copy(board: Board) -> None:
     camera = Camera((1200, 900), CAMERA.k * [[2.5], [2.5], [1]], CAMERA.d)
@@ -95,6 +96,7 @@ def test_mistaken_marker_is_left_out() -> None:
     assert x > 45 and y > 45
 
 
+@pytest.mark.thorough
 @needs_markers
 @pytest.mark.parametrize('board', [CHARUCO, APRILGRID])
 def test_other_layout(board: Board) -> None:
@@ -141,6 +143,7 @@ def test_two_boards(board: Board) -> None:
     assert found.problem == 'two boards are in the image: show only one'
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('board', BOARDS)
 def test_blurred_image(board: Board) -> None:
     pose = facing(board, CAMERA, 0.9)
@@ -174,6 +177,7 @@ def test_color_image_is_not_changed() -> None:
     assert errors(BoardFinder(CHESSBOARD).find(image), CHESSBOARD, pose) < 0.2
 
 
+@pytest.mark.thorough
 def test_rows_of_a_chessboard_begin_at_its_black_square() -> None:
     for turn in (0.0, 1.5, 3.0, 4.6):
         pose = facing(CHESSBOARD, CAMERA, 0.6, turn=turn)

@@ -32,6 +32,7 @@ from opencv_tools.calibration.verdict import judge
 import pytest
 from rendered_boards import (
     Camera, facing, fisheye_camera, needs_markers, noisy_view, poses, small_camera)
+from waiting import LONGEST_SECONDS
 
 BOARD = parse_board('chessboard:9x6:25mm')
 CAMERA = small_camera()
@@ -70,6 +71,7 @@ def test_lens_without_noise(model: str, camera: Camera, count: int) -> None:
     assert result.p.shape == (3, 4) and not result.p[:, 3].any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('model', 'camera'), [(PLUMB_BOB, CAMERA), (EQUIDISTANT, FISHEYE)])
 def test_standard_deviations_cover_the_truth(model: str, camera: Camera) -> None:
     truth = [camera.k[0, 0], camera.k[1, 1], camera.k[0, 2], camera.k[1, 2], *camera.d]
@@ -121,6 +123,7 @@ def test_wrong_corners_are_left_out() -> None:
     assert np.isfinite(result.view_errors).all() and result.rms < 0.1
 
 
+@pytest.mark.thorough
 def test_bent_board() -> None:
     flat = solve(views(CAMERA, 20))
     bent = solve(views(CAMERA, 20, bend=0.25))
@@ -191,7 +194,7 @@ def test_views_without_information(kind: str) -> None:
 def test_solution_in_another_process() -> None:
     seen = pickle.loads(pickle.dumps(views(CAMERA, 6)))
     with ProcessPoolExecutor(1, mp_context=get_context('spawn')) as pool:
-        result = pool.submit(solve, seen, PLUMB_BOB).result(timeout=60)
+        result = pool.submit(solve, seen, PLUMB_BOB).result(timeout=LONGEST_SECONDS)
     np.testing.assert_allclose(result.k, solve(seen).k)
 
 
@@ -207,6 +210,7 @@ def test_rectified_image_has_no_border(model: str, camera: Camera) -> None:
     assert (seen > -2).all() and (seen < np.array(camera.size) + 1).all()
 
 
+@pytest.mark.thorough
 @needs_markers
 def test_lens_of_rendered_images() -> None:
     board = parse_board('charuco:7x6:30mm:22mm:4x4_50')

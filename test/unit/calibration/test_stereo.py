@@ -75,6 +75,7 @@ def test_pose_and_rectification(model: str, camera: Camera) -> None:
     np.testing.assert_allclose(rows[0], rows[1], atol=0.6)
 
 
+@pytest.mark.thorough
 def test_wrong_pair_is_left_out() -> None:
     pairs = pairs_of(CAMERA)
     found = lenses(pairs, PLUMB_BOB)
@@ -84,6 +85,7 @@ def test_wrong_pair_is_left_out() -> None:
     assert result.baseline == pytest.approx(float(np.linalg.norm(PLACE)), rel=0.01)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('place', 'reason'), [
     ((0.1, 0.0, 0.0), 'the left camera is at the right: swap the two sources'),
     ((0.0, -0.1, 0.0), 'one camera is above the other one: turn the images')])
@@ -93,6 +95,7 @@ def test_refused_places(place: tuple[float, float, float], reason: str) -> None:
         solve_stereo(pairs, *lenses(pairs, PLUMB_BOB))
 
 
+@pytest.mark.thorough
 def test_pairs_of_different_times() -> None:
     pairs = pairs_of(CAMERA)
     found = lenses(pairs, PLUMB_BOB)

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import socket
 from threading import Thread
-import time
 
 import av
 import numpy as np
@@ -35,8 +34,8 @@ from opencv_tools.video.settings import VideoSettings
 import pytest
 from video_packets import draw, encoded, PERIOD_NS
 from video_servers import free_port, VideoServer
+from waiting import join, LONGEST_SECONDS, wait_until
 
-DEADLINE = 30.0
 COUNT = 60
 DELIMITER = START_CODE + b'\x09\xf0'  # MPEG-TS adds it where it is missing
 Serve = Callable[..., VideoServer]
@@ -65,11 +64,8 @@ def groups(count: int, group: int) -> list[bytes]:
 
 def connect(server: VideoServer) -> StreamSource:
     """Open the stream of a server, which may not listen yet."""
-    until = time.monotonic() + DEADLINE
-    while not server.wait_until_it_listens():
-        assert time.monotonic() < until
-        time.sleep(0.02)
-    opened = source.open_source(server.url, timeout=DEADLINE)
+    wait_until(server.wait_until_it_listens, 'the server')
+    opened = source.open_source(server.url, timeout=LONGEST_SECONDS)
     assert isinstance(opened, StreamSource)
     return opened
 
@@ -78,7 +74,7 @@ def read_all(opened: StreamSource) -> list[CapturedFrame]:
     """Return the frames until the end."""
     found = []
     with pytest.raises(UnavailableError, match='ended or is no longer reachable'):
-        while opened.wait(DEADLINE):
+        while opened.wait(LONGEST_SECONDS):
             found.append(opened.read())
     opened.close()
     return found
@@ -129,7 +125,7 @@ def test_streams_with_headers(serve: Serve, monkeypatch: pytest.MonkeyPatch, sch
                    scheme=scheme, form=form, pause=0.01,
                    options={'tune': 'zerolatency', 'g': '20', 'sc_threshold': '0',
                             'rtsp_transport': 'tcp'})
-    opened = source.open_source(server.url, timeout=DEADLINE)
+    opened = source.open_source(server.url, timeout=LONGEST_SECONDS)
     found = read_all(opened)
     assert opened.needs_every and opened.missed == 0
     numbers = [*range(45)]
@@ -163,7 +159,7 @@ def test_packets_without_room_cost_those_until_a_key_frame(
     monkeypatch.setattr(stream, '_MAX_WAITING', 10)
     sent = groups(COUNT, 55)
     opened = connect(serve(sent))
-    opened._thread.join(DEADLINE)
+    join(opened._thread)
     assert contents(read_all(opened)) == sent[55:]
     assert opened.missed == 55
 
@@ -172,7 +168,7 @@ def test_skipped_packets_are_not_missed(serve: Serve) -> None:
     sent = groups(COUNT, 30)
     opened = connect(serve(sent))
     for _ in range(20):
-        assert opened.wait(DEADLINE)
+        assert opened.wait(LONGEST_SECONDS)
         opened.skip()
     assert contents(read_all(opened)) == sent[20:]
     assert opened.missed == 0
@@ -200,8 +196,8 @@ def test_noise_is_no_video() -> None:
         sending.start()
         url = f'tcp://127.0.0.1:{server.getsockname()[1]}'
         with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
-            open_stream(url, DEADLINE)
-        sending.join(DEADLINE)
+            open_stream(url, LONGEST_SECONDS)
+        join(sending)
 
 
 def test_silent_server_is_left() -> None:

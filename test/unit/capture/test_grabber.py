@@ -27,9 +27,9 @@ from opencv_tools.capture.grabber import Grabber, ReconnectPolicy
 from opencv_tools.capture.player import PlaybackSettings
 import pytest
 from stepped_clock import BEGAN, SteppedClock
+from waiting import LONGEST_SECONDS
 
 RATE = 128  # a power of two, so that sums of periods are exact
-DEADLINE = 30.0
 
 
 class Camera:
@@ -333,7 +333,7 @@ def test_pause_waits_until_the_camera_is_closed(
 
     thread = Thread(target=let_go_when_paused)
     thread.start()
-    gone = grabber.pause(DEADLINE)
+    gone = grabber.pause(LONGEST_SECONDS)
     closed = camera.closed
     thread.join()
     assert gone and closed

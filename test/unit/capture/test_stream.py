@@ -26,8 +26,7 @@ from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.stream import OpenCvStream, StreamSource
 import pytest
-
-DEADLINE = 30.0
+from waiting import item_of, join, LONGEST_SECONDS
 
 
 class Capture:
@@ -94,10 +93,10 @@ def source(capture: Capture) -> StreamSource:
 def send(capture: Capture, *numbers: int | None) -> None:
     """Send frames, or the end, and wait until the last one has been read."""
     for number in numbers:
-        capture.reads.get(timeout=DEADLINE)  # the reader waits for this frame
+        item_of(capture.reads)  # the reader waits for this frame
         capture.coming.put(number)
     if None not in numbers:
-        capture.reads.get(timeout=DEADLINE)  # the reader waits for the next frame
+        item_of(capture.reads)  # the reader waits for the next frame
         capture.reads.put(None)
 
 
@@ -116,7 +115,7 @@ def test_newest_frame_is_read_and_older_ones_count_as_missed(
 
 def test_wait_ends_with_the_next_frame(capture: Capture, source: StreamSource) -> None:
     Thread(target=lambda: send(capture, 1)).start()
-    assert source.wait(DEADLINE)
+    assert source.wait(LONGEST_SECONDS)
     assert source.read().image.tolist() == [[1]]
 
 
@@ -136,7 +135,7 @@ def test_last_frame_is_read_before_the_end_is_reported(
     assert source.wait(0.0)
     source.read()
     with pytest.raises(UnavailableError, match='ended or is no longer reachable'):
-        source.wait(DEADLINE)
+        source.wait(LONGEST_SECONDS)
     source.close()
     assert capture.released
 
@@ -144,9 +143,9 @@ def test_last_frame_is_read_before_the_end_is_reported(
 def test_running_stream_can_be_closed_twice(capture: Capture) -> None:
     capture.endless = True
     source = CheckedSource('rtsp://camera', OpenCvStream(capture))
-    assert source.wait(DEADLINE)
+    assert source.wait(LONGEST_SECONDS)
     closing = Thread(target=lambda: (source.close(), source.close()), daemon=True)
     closing.start()
-    closing.join(DEADLINE)
+    join(closing)
     assert not closing.is_alive()
     assert capture.released

@@ -24,10 +24,9 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 from bag_readers import read_by_all
-from conftest import CLIP, DEADLINE, decode_clip, disk_of, read_manifest
+from conftest import CLIP, decode_clip, disk_of, read_manifest
 import cv2
 from images import oriented_jpeg, random_image
 from mcap.reader import make_reader
@@ -45,6 +44,7 @@ from playback import frames_of
 from played_bags import (
     compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap, write_rosbag2, written)
 import pytest
+from waiting import communicate, LONGEST_SECONDS, pause, wait_until, work_of
 
 PICTURE = np.random.default_rng(1).integers(0, 256, (16, 24, 3), np.uint8)
 JPEG_BYTES = cv2.imencode('.jpg', PICTURE)[1].tobytes()
@@ -440,6 +440,7 @@ def test_missing_library_is_named_with_its_remedy(
     assert capsys.readouterr().err.count("install it with 'pip install mcap'") == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('name', ['clip.mkv', 'clip.mcap', '{seq}.png'])
 def test_account_of_an_interrupted_conversion(tmp_path: Path, name: str) -> None:
@@ -451,12 +452,12 @@ def test_account_of_an_interrupted_conversion(tmp_path: Path, name: str) -> None
                 [sys.executable, '-m', 'opencv_tools.convert.cli', 'pattern:320x240',
                  folder / name, '--stop', '100', '--lossy'],
                 stderr=subprocess.PIPE, text=True) as process:
-            while process.poll() is None and not [*folder.glob('manifest.jsonl')]:
-                time.sleep(0.001)
+            wait_until(lambda: process.poll() is not None
+                       or [*folder.glob('manifest.jsonl')], 'the manifest')  # noqa: B023
             for _ in range(2):
-                time.sleep(0.01 * moment)
+                pause(0.01 * moment)
                 process.send_signal(signal.SIGINT)
-            lines = process.communicate(timeout=DEADLINE)[1].splitlines()
+            lines = communicate(process)[1].splitlines()
         found = re.search(r'Converted ([0-9]+) frames at .*: ([0-9]+) written to .*, 0 failed$',
                           lines[-1])
         assert found and found[1] == found[2], lines
@@ -473,12 +474,10 @@ def test_interrupted_conversion_keeps_whole_files(tmp_path: Path) -> None:
             [sys.executable, '-m', 'opencv_tools.convert.cli', 'pattern:640x480',
              tmp_path / '{seq}.png', '--stop', '1000000'],
             stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + DEADLINE
-        while len(list(tmp_path.glob('[0-9]*'))) < 3:
-            assert process.poll() is None and time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: len(list(tmp_path.glob('[0-9]*'))) >= 3, '3 files',
+                   work=lambda: work_of(process.pid))
         process.send_signal(signal.SIGTERM)
-        lines = process.communicate(timeout=DEADLINE)[1].splitlines()
+        lines = communicate(process)[1].splitlines()
     assert process.returncode == 1
     assert lines[-2] == 'img_convert: error: interrupted'
     assert f': {len(read_manifest(tmp_path))} written to ' in lines[-1]
@@ -491,6 +490,6 @@ def test_help_imports_nothing_slow() -> None:
               'except SystemExit: pass\n'
               'print(sorted({"numpy", "cv2", "rclpy", "mcap", "av", "tqdm"} & {*sys.modules}))')
     finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
-                              timeout=DEADLINE, check=True)
+                              timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.startswith('usage: img_convert ')
     assert finished.stdout.splitlines()[-1] == '[]'

@@ -23,15 +23,15 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
-from conftest import DEADLINE, disk_of
+from conftest import disk_of
 from dataset_bags import Drive
 from dataset_sets import (
     content_of, convert, episodes_of, info_of, numbers_of, start_killed, USUAL)
 from opencv_tools.convert.cli import main
 from opencv_tools.datasets.folders import part_folder
 import pytest
+from waiting import communicate, join, wait_until, work_of
 
 Errors = pytest.CaptureFixture[str]
 MOMENTS = 20
@@ -53,6 +53,7 @@ def words_of(bags: Path, *words: object) -> Sequence[object]:
             *words)
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 @pytest.mark.parametrize('has_old', [False, True])
 def test_killed_at_any_moment(has_old: bool, bags: Path, tmp_path: Path) -> None:
@@ -71,7 +72,7 @@ def test_killed_at_any_moment(has_old: bool, bags: Path, tmp_path: Path) -> None
     begin()
     old = content_of(target) if has_old else {}
     process = start_killed(words, 0, errors)
-    process.join(DEADLINE)
+    join(process)
     assert process.exitcode == 0 and content_of(target) == right
     events = int(errors.read_text().splitlines()[-1].removeprefix('events: '))
     assert events > 40
@@ -81,7 +82,7 @@ def test_killed_at_any_moment(has_old: bool, bags: Path, tmp_path: Path) -> None
     for event in sorted({*moments, events})[:MOMENTS // 2 + 1]:
         begin()
         process = start_killed(words, event, errors)
-        process.join(DEADLINE)
+        join(process)
         assert process.exitcode == -signal.SIGKILL
         found = content_of(target) if target.exists() else old
         assert found in (old, right), event
@@ -177,6 +178,7 @@ def is_running(pid: int) -> bool:
         return False
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize(('end', 'jobs'), [
     (signal.SIGINT, 1), (signal.SIGINT, 2), (signal.SIGTERM, 2), (signal.SIGKILL, 2)])
@@ -187,17 +189,14 @@ def test_ended_command_leaves_no_process(end: signal.Signals, jobs: int, tmp_pat
                tmp_path / 'set', '--format', 'lerobot', '--fps', '1000', '--jobs', str(jobs),
                *USUAL]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        deadline = time.monotonic() + DEADLINE
-        while len([*tmp_path.glob('.set.parts/.*/front.mp4')]) < jobs:
-            assert process.poll() is None and time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: len([*tmp_path.glob('.set.parts/.*/front.mp4')]) >= jobs,
+                   f'{jobs} videos', work=lambda: work_of(process.pid))
         children = children_of(process.pid)
         assert len(children) >= jobs + 1 if jobs > 1 else not children
         process.send_signal(end)
-        errors = process.communicate(timeout=DEADLINE)[1]
-    while any(map(is_running, children)):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+        errors = communicate(process)[1]
+    wait_until(lambda: not any(map(is_running, children)), 'the end of the children',
+               running=lambda: [*map(is_running, children)])
     if end == signal.SIGKILL:
         assert process.returncode == -signal.SIGKILL
     else:

@@ -24,9 +24,7 @@ import signal
 import subprocess
 import sys
 from threading import Event
-import time
 
-from conftest import DEADLINE
 from dataset_bags import Drive
 from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
 from opencv_tools.convert.cli import main
@@ -37,6 +35,7 @@ from opencv_tools.datasets.jobs import convert_here, find_jobs
 from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.plan import NumbersSource, Plan, STATE
 import pytest
+from waiting import LONGEST_SECONDS, status_of, wait_until
 
 PLAN = Plan(fps=30, images=(('front', '/cam0/image_raw/compressed'),), vectors=(
     (STATE, (NumbersSource('/joint_states', ('position',), ('shoulder', 'elbow', 'wrist')),)),))
@@ -76,6 +75,7 @@ def workers() -> list[int]:
     return [int(pid) for pid in children]
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_killed_worker_costs_no_bag(tmp_path: Path) -> None:
     drive = Drive(seconds=1)
@@ -100,14 +100,10 @@ def test_bag_that_kills_its_worker_costs_only_this_bag(
     found = {}
     for job, error in convert_here(jobs, Plan(**{**vars(PLAN), 'fps': 1000}), 2):
         found[job.name] = error
-        deadline = time.monotonic() + DEADLINE
-        while len(found) < 3 and '1.mcap' not in found and len(found) >= 1:
-            begun = [*tmp_path.glob('parts/.1.mcap-*/front.mp4')]
-            if begun or time.monotonic() > deadline:
-                for pid in workers():
-                    os.kill(pid, signal.SIGKILL)
-                break
-            time.sleep(0.01)
+        if len(found) < 3 and '1.mcap' not in found:
+            wait_until(lambda: [*tmp_path.glob('parts/.1.mcap-*/front.mp4')], 'the second video')
+            for pid in workers():
+                os.kill(pid, signal.SIGKILL)
     assert found['0.mcap'] == found['2.mcap'] == ''
     assert found['1.mcap'] in ('', 'its process was killed, perhaps for want of memory')
 
@@ -155,10 +151,10 @@ def test_videos_end_when_one_of_them_fails_or_the_command_ends(
 
     def fail_or_wait(work: Work, name: str) -> Camera:
         if name == 'front':
-            begun.wait(DEADLINE)
+            wait_until(begun.is_set)
             raise end
         begun.set()
-        ended.append(work.ended.wait(DEADLINE))
+        ended.append(wait_until(work.ended.is_set))
         with pytest.raises(DatasetError, match='the conversion has ended'):
             write_video(work, name)
         ended.append(True)
@@ -185,9 +181,9 @@ def test_pattern_with_the_extension_of_a_bag(tmp_path: Path) -> None:
 @pytest.mark.process
 def test_worker_ends_at_sigterm_and_not_at_ctrl_c() -> None:
     code = ('import time; from opencv_tools.datasets.jobs import _begin; _begin(); '
-            f'print(flush=True); time.sleep({DEADLINE})')
+            f'print(flush=True); time.sleep({LONGEST_SECONDS})')
     with subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE) as worker:
         assert worker.stdout and worker.stdout.readline()
         worker.send_signal(signal.SIGINT)
         worker.send_signal(signal.SIGTERM)  # a pool ends its processes so
-        assert worker.wait(DEADLINE) == -signal.SIGTERM
+        assert status_of(worker) == -signal.SIGTERM

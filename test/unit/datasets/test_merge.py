@@ -72,7 +72,7 @@ def check_equal(one: Path, other: Path) -> None:
     assert all(np.array_equal(left[1], right[1]) for left, right in zip(*pictures, strict=True))
 
 
-@pytest.mark.parametrize('count', [25, pytest.param(100, marks=pytest.mark.stress)])
+@pytest.mark.parametrize('count', [25, pytest.param(100, marks=pytest.mark.thorough)])
 def test_shards_are_equal_to_one_run(
         count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_fleet(tmp_path / 'bags', count)

@@ -86,6 +86,7 @@ def refused(folder: Path, drive: Drive, errors: Errors, *words: object) -> str:
     return text
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('drive', 'words', 'fps', 'suffix'), [
     (Drive(), (), 30, '.mcap'),
     (Drive(), (), 30, ''),  # SQLite

@@ -20,10 +20,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from threading import current_thread, Event, get_ident, Timer
-import time
 from typing import Any
 
-from conftest import DEADLINE, spin_until
+from conftest import spin_until
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 import opencv_tools.frames
@@ -38,6 +37,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from sending import stamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from waiting import pause, wait_until
 
 IMAGE = np.random.default_rng(1).integers(0, 256, (6, 8, 3), np.uint8)
 SMOOTH = np.zeros((32, 48, 3), np.uint8) + np.array([40, 120, 220], np.uint8)
@@ -171,7 +171,7 @@ def test_callback_in_a_thread(node: Node, every: bool) -> None:
         numbers.append(frame.stamp_ns)
         threads.add(get_ident())
         entered.set()
-        assert may_return.wait(DEADLINE)
+        wait_until(may_return.is_set)
 
     publisher = node.create_publisher(Image, 'camera/image', QoSProfile(depth=100))
     subscriber = FrameSubscriber(node, 'camera/image', callback, threaded=True, every=every,
@@ -214,7 +214,7 @@ def test_exception_in_a_thread_after_the_last_spin(node: Node) -> None:
 
     def fail(_: Frame) -> None:
         entered.set()
-        assert may_fail.wait(DEADLINE)
+        wait_until(may_fail.is_set)
         raise ValueError('mine')
 
     publisher = node.create_publisher(Image, 'camera/image', 10)
@@ -357,9 +357,8 @@ def test_callback_that_publishes_while_its_node_closes(
 
     def publish_late(frame: Frame) -> None:
         entered.set()
-        while is_open.is_set():
-            time.sleep(0.01)
-        time.sleep(0.1)
+        wait_until(lambda: not is_open.is_set(), 'the end')
+        pause(0.1)
         results[0].publish(frame.image, frame)
 
     if is_publisher_first:

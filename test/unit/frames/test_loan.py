@@ -21,7 +21,7 @@ import functools
 from threading import Semaphore, Thread
 from typing import Any
 
-from conftest import DEADLINE, spin_until
+from conftest import spin_until
 import cv2
 import numpy as np
 from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
@@ -37,6 +37,7 @@ import pytest
 from rclpy.node import Node
 from sharing import picture
 from std_msgs.msg import Header
+from waiting import wait_until
 
 pytest.importorskip('iceoryx2')
 
@@ -410,7 +411,7 @@ def test_loans_of_several_threads(node: Node, camera: Camera, transport: str) ->
 
     def publish() -> None:
         for number in turns:
-            assert on_their_way.acquire(timeout=DEADLINE)
+            wait_until(lambda: on_their_way.acquire(blocking=False))
             with camera.loan(120, 160, 'mono16', source=Header(frame_id=str(number))) as loan:
                 loan.image[:] = number
 

@@ -215,6 +215,7 @@ def test_every_conversion_equals_the_installed_cv_bridge(tell: Callable[[str], N
     assert not wrong
 
 
+@pytest.mark.thorough
 def test_blocks_of_large_images_have_no_seam() -> None:
     bridge = CvBridge()
     for source in ('bgr8', 'rgba8', 'mono8', 'mono16', 'bgr16', 'bayer_grbg8', 'bayer_bggr16',

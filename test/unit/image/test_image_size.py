@@ -31,6 +31,7 @@ from opencv_tools.image.errors import CodecError, SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import decode_image
 import pytest
+from waiting import LONGEST_SECONDS
 
 COLOR = np.random.default_rng(1).integers(0, 256, (37, 53, 3), np.uint8)
 FORMATS = {
@@ -153,7 +154,7 @@ def test_refused_image_takes_no_memory(make: object, tmp_path: Path) -> None:
               'except BrokenFrameError as err: print(err)\n'
               f'{PRINT_PEAK_MEMORY}')
     finished = subprocess.run([sys.executable, '-c', script, str(path)], capture_output=True,
-                              text=True, timeout=60, check=True)
+                              text=True, timeout=LONGEST_SECONDS, check=True)
     *sentences, peak = finished.stdout.splitlines()
     assert len(sentences) == 2
     assert all('32767x32767 pixels are more' in sentence for sentence in sentences)

@@ -33,6 +33,7 @@ from opencv_tools.transport.type_support import hash_of
 import pytest
 from rosidl_adapter import parser
 from type_description_interfaces.msg import FieldType
+from waiting import pause
 
 TEXT = 'int32 a'
 
@@ -180,7 +181,7 @@ def test_one_thread_at_a_time_silences_the_parser(monkeypatch: pytest.MonkeyPatc
 
     def parse_slowly(*arguments: Any) -> Any:
         running.append(arguments)
-        time.sleep(0.01)
+        pause(0.01)
         most.append(len(running))
         running.pop()
         return parse(*arguments)

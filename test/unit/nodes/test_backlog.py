@@ -191,6 +191,7 @@ def test_messages_wait_for_room_beside_a_reader_without_room(log: FakeLog) -> No
     assert log.now > given_up_at + 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('on_overflow', 'transport'), [
     ('drop', 'auto'), ('block', 'auto'), ('drop', 'raw'), ('block', 'raw')])
 def test_frames_for_a_stopped_subscriber(
@@ -216,6 +217,7 @@ def test_frames_for_a_stopped_subscriber(
                for number, picture in enumerate(written))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('transport', ['auto', 'raw'])
 @pytest.mark.parametrize('file_name', ['f{seq}.png', 'v.mp4'])
 def test_recorder_that_is_slower_than_a_file(
@@ -255,6 +257,7 @@ sys.exit(main(create_node))
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('threaded', [(), ('threaded',)], ids=['executor', 'thread'])
 def test_callback_that_is_slower_than_a_file(
         start: Start, tmp_path: Path, threaded: tuple[str, ...]) -> None:
@@ -265,6 +268,7 @@ def test_callback_that_is_slower_than_a_file(
     receiver.wait_for('received 120, 0 skipped')
 
 
+@pytest.mark.thorough
 def test_killed_subscriber_of_shared_frames(start: Start, tmp_path: Path) -> None:
     killed, other = (start('img_subscriber', '--ros-args', '-r', f'__node:={name}',
                            output_dir=tmp_path / name, transport='shm')
@@ -295,6 +299,7 @@ def read_last(publisher: NodeProcess) -> int:
     return int(['0', *re.findall(r'Publishing video frame (\d+)', publisher.output)][-1])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('transport', ['auto', 'raw'])
 def test_interrupted_wait_for_a_subscriber(
         start: Start, tmp_path: Path, transport: str) -> None:

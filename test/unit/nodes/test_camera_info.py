@@ -18,11 +18,9 @@ from __future__ import annotations
 
 from pathlib import Path
 from threading import Event, Thread
-import time
 
 from ament_index_python.packages import get_package_share_directory
 from calibrations import ANY_MACHINE, CALIBRATION, camera_infos
-from conftest import DEADLINE
 from hypothesis import given, strategies as st
 import numpy as np
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError, read_camera_info
@@ -30,6 +28,7 @@ from opencv_tools.nodes.publisher.camera_info import Calibration, resolve_url, s
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header
+from waiting import Watch
 
 
 @pytest.fixture
@@ -251,9 +250,9 @@ def test_consistent_messages_during_saving(tmp_path: Path) -> None:
     saving = Thread(target=_save)
     saving.start()
     try:
-        last, changes, deadline = 0.0, 0, time.monotonic() + DEADLINE
+        last, changes, watch = 0.0, 0, Watch('20 changes', {'changes': lambda: changes})
         while changes < 20:
-            assert time.monotonic() < deadline
+            watch.check()
             message = calibration.message(Header(), 4, 3)
             (number,) = {*message.k[::4], *message.p[::5], *message.d}
             assert number >= last

@@ -19,7 +19,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 import sys
-import time
 
 from conftest import NodeProcess
 from opencv_tools.nodes.exit_timer import exit_after
@@ -52,6 +51,7 @@ sys.exit(main(Endless, sys.argv[:1]))
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize(('result', 'status', 'output'), [
     (0, 0, 'closed\n'), (2, 2, 'closed\n'), (3, 1, '')])
@@ -68,6 +68,10 @@ def test_node_that_is_never_destroyed(
 
 
 def test_block_that_ends_in_time() -> None:
-    with exit_after(1, 7):
-        pass
-    time.sleep(1.2)
+    def timers() -> int:
+        return Path('/proc/self/timers').read_text().count('ClockID:')
+
+    before = timers()
+    with exit_after(3600, 7):
+        assert timers() == before + 1
+    assert timers() == before

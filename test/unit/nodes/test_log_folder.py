@@ -82,6 +82,7 @@ def test_no_change_without_a_temporary_folder(
     assert 'ROS_LOG_DIR' not in os.environ
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['img_publisher', 'img_subscriber'])
 def test_node_in_an_unwritable_home(
         start: Callable[..., NodeProcess], monkeypatch: pytest.MonkeyPatch, tmp_path: Path,

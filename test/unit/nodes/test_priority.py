@@ -98,6 +98,7 @@ def is_permitted() -> bool:
         ['chrt', '--rr', str(PRIORITY), 'true'], capture_output=True, check=False).returncode == 0
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', NODES)
 def test_threads_that_carry_frames(start: Start, tmp_path: Path, name: str) -> None:
     process = start_node(start, tmp_path, name)
@@ -112,6 +113,7 @@ def test_threads_that_carry_frames(start: Start, tmp_path: Path, name: str) -> N
         assert real_time_threads(process.pid) == []
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', NODES)
 def test_normal_scheduling_without_permission(start: Start, tmp_path: Path, name: str) -> None:
     process = start_node(start, tmp_path, name, *WITHOUT_PERMISSION)

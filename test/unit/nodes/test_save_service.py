@@ -17,10 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
-import time
 
-from conftest import DEADLINE, executor_of
+from conftest import executor_of
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.nodes.subscriber.save_service import SaveRequests
 import pytest
@@ -31,6 +31,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from std_srvs.srv import Trigger
+from waiting import LONGEST_SECONDS, wait_until, work
 
 CALLS = 50
 
@@ -47,26 +48,25 @@ def create_client(node: Node) -> Client:
 
 
 def spin_until_all(executor: SingleThreadedExecutor, futures: list[Future]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not all(future.done() for future in futures):
-        assert time.monotonic() < deadline, 'calls were not answered'
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(lambda: all(future.done() for future in futures), 'the answers',
+               partial(executor.spin_once, timeout_sec=0.05),
+               answers=lambda: sum(future.done() for future in futures), work=work)
 
 
 def call(executor: SingleThreadedExecutor, client: Client, requests: SaveRequests) -> list[Future]:
     """Call the service many times before the node takes a call."""
-    assert client.wait_for_service(DEADLINE)
+    wait_until(client.service_is_ready, 'the service')
     futures = [client.call_async(Trigger.Request()) for _ in range(CALLS)]
-    deadline = time.monotonic() + 30
-    while len(requests._waiting) < CALLS:
-        assert time.monotonic() < deadline, f'{len(requests._waiting)} of {CALLS} calls came'
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(lambda: len(requests._waiting) == CALLS, 'the calls',
+               partial(executor.spin_once, timeout_sec=0.05),
+               calls=lambda: len(requests._waiting))
     return futures
 
 
 def test_simultaneous_calls(
         executor: SingleThreadedExecutor, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.nodes.subscriber.save_service._TIMEOUT_SECONDS', DEADLINE)
+    monkeypatch.setattr('opencv_tools.nodes.subscriber.save_service._TIMEOUT_SECONDS',
+                        LONGEST_SECONDS)
     requests = SaveRequests(node)
     futures = call(executor, create_client(node), requests)
     taken = requests.pop_all()
@@ -79,7 +79,8 @@ def test_simultaneous_calls(
 
 def test_waiting_calls_at_shutdown(
         tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.nodes.subscriber.save_service._TIMEOUT_SECONDS', DEADLINE)
+    monkeypatch.setattr('opencv_tools.nodes.subscriber.save_service._TIMEOUT_SECONDS',
+                        LONGEST_SECONDS)
     rclpy.init(args=['--ros-args', '-p', 'mode:=on_request', '-p', f'output_dir:={tmp_path}'],
                domain_id=domain)
     subscriber = ImageSubscriber()

@@ -21,7 +21,7 @@ from threading import Thread
 import time
 from typing import Any
 
-from conftest import DEADLINE, spin_until
+from conftest import spin_until
 from console import Console
 from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
 from opencv_tools.bags.reading import BagTopic
@@ -38,6 +38,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
+from waiting import join, wait_until
 
 HOUR_NS = 3600 * NANO
 LATCHED = offered_qos_text([OfferedQos(depth=1, durability=1)])
@@ -93,9 +94,7 @@ def recorded(number: int, play: int = 0) -> Recorded:
 
 def assert_count(player: TopicPlayer, count: int) -> None:
     """Wait for a number of messages; those after them are an hour away."""
-    deadline = time.monotonic() + DEADLINE
-    while player.count < count and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_until(lambda: player.count >= count, f'{count} messages', messages=lambda: player.count)
     assert player.count == count
 
 
@@ -115,10 +114,8 @@ def test_message_that_is_far_away(
     monkeypatch.setattr(pace, '_PATIENCE_SECONDS', 0.1)
     player = play()
     player.advance(recorded(0))
-    deadline = time.monotonic() + DEADLINE
-    while not any('is due in' in line for line in console.lines):
-        assert time.monotonic() < deadline, console.lines
-        time.sleep(0.01)
+    wait_until(lambda: any('is due in' in line for line in console.lines), 'the line',
+               lines=lambda: [*console.lines])
     with player._pace.changed:
         player._pace.changed.notify_all()  # it waits on, and logs no second time
     player.close()
@@ -154,10 +151,7 @@ def test_messages_after_an_image_that_is_held(play_entries: Play) -> None:
     anchor = player._pace._anchor
     player.advance(recorded(0))
     assert player._pace._anchor is anchor
-    while player.count < 1:
-        assert time.monotonic() < began + DEADLINE, 'the tail was not published'
-        player.advance(recorded(0))
-        time.sleep(0.01)
+    wait_until(lambda: player.advance(recorded(0)) or player.count, 'the tail')
     assert time.monotonic() - began > 0.2
 
 
@@ -289,5 +283,5 @@ def test_close_while_a_message_is_awaited(play: Play) -> None:
     waiting = Thread(target=player.finish)
     waiting.start()
     player.close()
-    waiting.join(DEADLINE)
+    join(waiting)
     assert not waiting.is_alive()

@@ -19,9 +19,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import ctypes
 from pathlib import Path
-import time
+from threading import Event
 
-from conftest import DEADLINE, destroy, executor_of
+from conftest import destroy, executor_of
 from console import Console
 from opencv_tools.message_types.definition import read_definition
 from opencv_tools.nodes.subscriber import left_out_topics, topic_recorder as module
@@ -39,6 +39,7 @@ from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Empty, String
+from waiting import join, LONGEST_SECONDS, pause, wait_until
 
 LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -105,25 +106,29 @@ def other(domain: int) -> Iterator[Node]:
     destroy(created)
 
 
-def wait_for(condition: Callable[[], object]) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, 'the condition did not come to hold'
-        time.sleep(0.01)
-
-
 def say(publisher: Publisher, *texts: str) -> None:
     """Publish as soon as the recorder has subscribed, and wait until it has the messages."""
-    wait_for(publisher.get_subscription_count)
+    wait_until(publisher.get_subscription_count)
     for text in texts:
         publisher.publish(String(data=text))
-    wait_for(publisher.wait_for_all_acked)
+    wait_until(publisher.wait_for_all_acked)
 
 
-def poll_slowly(monkeypatch: pytest.MonkeyPatch, seconds: float) -> None:
-    """Have the recorder sleep, so that messages wait in the middleware."""
+def poll_slowly(monkeypatch: pytest.MonkeyPatch, recording: Recording, seconds: float) -> None:
+    """Return when the recorder sleeps so long, so that messages wait in the middleware."""
+    is_closing, sleeps = recording.recorder._is_closing, []
+    wait = is_closing.wait
+    monkeypatch.setattr(is_closing, 'wait', lambda given: sleeps.append(given) or wait(given))
     monkeypatch.setattr(module, '_POLL_SECONDS', seconds)
-    time.sleep(0.2)  # a shorter time would only make the test easier to pass
+    wait_until(lambda: seconds in sleeps, 'a long sleep', sleeps=lambda: len(sleeps))
+
+
+def discover_again(recording: Recording) -> None:
+    """Wait until the recorder has looked for topics once more from begin to end."""
+    rounds: list[None] = []
+    discover = recording.recorder._discover
+    recording.recorder._discover = lambda: rounds.append(discover())
+    wait_until(lambda: rounds, 'a look for topics')
 
 
 def create_foreign_publisher(node: Node, topic: str) -> Callable[[], None]:
@@ -167,7 +172,7 @@ def test_topic_whose_name_is_not_of_ros(record: Record, camera: Node) -> None:
     try:
         recording = record('/*')
         publisher = camera.create_publisher(String, '/good', 10)
-        wait_for(lambda: recording.has('/bad-name is not recorded: '))
+        wait_until(lambda: recording.has('/bad-name is not recorded: '))
         say(publisher, 'a')
         assert recording.end()
         assert recording.texts() == ['a']
@@ -181,14 +186,11 @@ def test_type_of_a_package_without_messages(
     kind = message_type('std_srvs/msg/Door', 'bool is_open')
     publisher = camera.create_publisher(kind, '/door', 10)
     recording = record('/door')
-    deadline = time.monotonic() + DEADLINE
     with executor_of(camera) as answering, executor_of(node) as asking:
-        while not publisher.get_subscription_count():
-            assert time.monotonic() < deadline, recording.console.lines
-            answering.spin_once(0.01)
-            asking.spin_once(0.01)
+        wait_until(publisher.get_subscription_count, 'the subscription', lambda: (
+            answering.spin_once(0.01), asking.spin_once(0.01)))
     publisher.publish(b'\0\1\0\0\1\0\0\0')
-    wait_for(lambda: recording.messages)
+    wait_until(lambda: recording.messages)
     assert recording.messages[0].channel.definition == 'bool is_open'
     assert recording.end()
 
@@ -201,15 +203,15 @@ def test_end_of_ros_before_the_recorder(domain: int, camera: Node) -> None:
         publisher = camera.create_publisher(String, '/said', 10)
         recording = Recording(node, '/said')
         say(publisher, 'a')
-        wait_for(lambda: recording.messages)
+        wait_until(lambda: recording.messages)
         context.shutdown()
-        recording.recorder._thread.join(DEADLINE)
+        join(recording.recorder._thread)
         assert not recording.recorder._thread.is_alive()
         assert recording.end()
         assert not any(line.startswith('error: the topics') for line in recording.console.lines)
     finally:
         node.destroy_node()
-        time.sleep(0.03)  # see conftest.destroy
+        pause(0.03)  # see conftest.destroy
 
 
 def test_failure_of_the_thread(
@@ -217,10 +219,10 @@ def test_failure_of_the_thread(
     publisher = camera.create_publisher(String, '/said', 10)
     recording = record('/said')
     say(publisher, 'a')
-    wait_for(lambda: recording.messages)
+    wait_until(lambda: recording.messages)
     monkeypatch.setattr(module, 'MessageReader', None)
     camera.create_publisher(String, '/said', qos_profile_sensor_data)
-    wait_for(lambda: recording.has('error: the topics are not recorded any more: TypeError'))
+    wait_until(lambda: recording.has('error: the topics are not recorded any more: TypeError'))
     assert not recording.end()
     assert recording.has('info: /said: 1 messages received, 1 written')
 
@@ -229,33 +231,45 @@ def test_latched_message_after_a_change(record: Record, camera: Node) -> None:
     publisher = camera.create_publisher(String, '/map', LATCHED)
     publisher.publish(String(data='one'))
     recording = record('/map')
-    wait_for(lambda: recording.messages)
+    wait_until(lambda: recording.messages)
     reader = recording.recorder._topics['/map'].reader
     second = camera.create_publisher(String, '/map', 10)  # nothing is latched any more
-    wait_for(lambda: recording.recorder._topics['/map'].reader is not reader)
+    wait_until(lambda: recording.recorder._topics['/map'].reader is not reader)
     reader = recording.recorder._topics['/map'].reader
     camera.destroy_publisher(second)  # and now again
-    wait_for(lambda: recording.recorder._topics['/map'].reader is not reader)
+    wait_until(lambda: recording.recorder._topics['/map'].reader is not reader)
     say(publisher, 'two')
-    wait_for(lambda: 'two' in recording.texts())
+    wait_until(lambda: 'two' in recording.texts())
     assert recording.end()
     assert recording.texts() == ['one', 'two']
     assert recording.has('/map: 2 messages received, 2 written, 0 lost in transit')
 
 
 def test_publisher_that_is_replaced_at_once(
-        record: Record, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+        record: Record, node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     first = camera.create_publisher(String, '/said', 10)
     recording = record('/said')
     say(first, 'a')
-    wait_for(lambda: recording.messages)
-    monkeypatch.setattr(module, '_DISCOVERY_SECONDS', 1.0)
-    time.sleep(0.6)  # the discovery may have begun; without this the test is easier to pass
+    wait_until(lambda: recording.messages)
+    is_replaced, looks = Event(), []
+    discover = recording.recorder._discover
+
+    def look() -> None:
+        looks.append(is_replaced.is_set())
+        if is_replaced.is_set():
+            discover()
+
+    monkeypatch.setattr(recording.recorder, '_discover', look)
+    wait_until(lambda: looks, 'a look for topics')
     second = camera.create_publisher(String, '/said', qos_profile_sensor_data)
     camera.destroy_publisher(first)
-    wait_for(second.get_subscription_count)
+    wait_until(lambda: [info.qos_profile.reliability
+                        for info in node.get_publishers_info_by_topic('/said')]
+               == [qos_profile_sensor_data.reliability], 'the second publisher alone')
+    is_replaced.set()
+    wait_until(second.get_subscription_count)
     second.publish(String(data='b'))
-    wait_for(lambda: recording.texts() == ['a', 'b'])
+    wait_until(lambda: recording.texts() == ['a', 'b'])
 
 
 def test_messages_that_wait_at_a_change(
@@ -263,11 +277,11 @@ def test_messages_that_wait_at_a_change(
     first = camera.create_publisher(String, '/said', 10)
     recording = record('/said')
     say(first, 'a')
-    wait_for(lambda: recording.messages)
-    poll_slowly(monkeypatch, 1.0)
+    wait_until(lambda: recording.messages)
+    poll_slowly(monkeypatch, recording, 1.0)
     say(first, 'b', 'c')
     second = camera.create_publisher(String, '/said', qos_profile_sensor_data)
-    wait_for(second.get_subscription_count)
+    wait_until(second.get_subscription_count)
     assert recording.end()
     assert recording.texts() == ['a', 'b', 'c']
 
@@ -277,7 +291,7 @@ def test_messages_that_wait_at_the_end(
     publisher = camera.create_publisher(String, '/said', 10)
     recording = record('/said')
     say(publisher, 'a')
-    poll_slowly(monkeypatch, DEADLINE)
+    poll_slowly(monkeypatch, recording, LONGEST_SECONDS)
     say(publisher, 'b', 'c')
     assert recording.end()
     assert recording.texts() == ['a', 'b', 'c']
@@ -289,7 +303,7 @@ def test_order_of_two_topics(
     recording = record('/a /b')
     for publisher in publishers:
         say(publisher, 'first')
-    poll_slowly(monkeypatch, DEADLINE)
+    poll_slowly(monkeypatch, recording, LONGEST_SECONDS)
     for number in range(6):
         say(publishers[number % 2], f'{number}')
     assert recording.end()
@@ -303,8 +317,8 @@ def test_topics_beside_the_images_are_not_recorded_twice(record: Record, camera:
     publisher = camera.create_publisher(String, '/said', 10)
     recording = record('/*')
     say(publisher, 'a')
-    wait_for(lambda: recording.messages)
-    time.sleep(2 * module._DISCOVERY_SECONDS)
+    wait_until(lambda: recording.messages)
+    discover_again(recording)
     assert not info.get_subscription_count()
     assert '/camera_info' not in recording.recorder._topics
 
@@ -316,9 +330,9 @@ def test_many_topics_that_are_not_recorded(
     for number in range(4):
         camera.create_publisher(String, f'/mixed_{number}', 10)
         other.create_publisher(Empty, f'/mixed_{number}', 10)
-    wait_for(lambda: all(node.count_publishers(f'/mixed_{number}') == 2 for number in range(4)))
+    wait_until(lambda: all(node.count_publishers(f'/mixed_{number}') == 2 for number in range(4)))
     recording = record('/*')
-    wait_for(lambda: recording.has('more than 2 topics are not recorded'))
+    wait_until(lambda: recording.has('more than 2 topics are not recorded'))
     publisher = camera.create_publisher(String, '/said', 10)
     say(publisher, 'a')
     assert recording.end()
@@ -332,10 +346,10 @@ def test_topics_beyond_the_limit(
     monkeypatch.setattr(module, '_MAX_TOPICS', 2)
     for number in range(6):
         camera.create_publisher(String, f'/said_{number}', 10)
-    wait_for(lambda: all(node.count_publishers(f'/said_{number}') for number in range(6)))
+    wait_until(lambda: all(node.count_publishers(f'/said_{number}') for number in range(6)))
     recording = record('/said_*')
-    wait_for(lambda: recording.has('not recorded'))
-    time.sleep(2 * module._DISCOVERY_SECONDS)  # a shorter time would only make the test easier
+    wait_until(lambda: recording.has('not recorded'))
+    discover_again(recording)
     assert [line for line in recording.console.lines if 'not recorded' in line] == [
         'warning: 4 topics are not recorded, such as /said_2: 2 topics are, which is the limit']
 
@@ -344,12 +358,12 @@ def test_topic_that_is_tried_again_with_other_publishers(
         record: Record, node: Node, camera: Node, other: Node) -> None:
     publisher = camera.create_publisher(String, '/mixed', 10)
     second = other.create_publisher(Empty, '/mixed', 10)
-    wait_for(lambda: node.count_publishers('/mixed') == 2)
+    wait_until(lambda: node.count_publishers('/mixed') == 2)
     recording = record('/mixed')
-    wait_for(lambda: recording.has('/mixed is not recorded: it has several types'))
+    wait_until(lambda: recording.has('/mixed is not recorded: it has several types'))
     other.destroy_publisher(second)
     say(publisher, 'a')
-    wait_for(lambda: recording.texts() == ['a'])
+    wait_until(lambda: recording.texts() == ['a'])
 
 
 def test_publisher_of_another_type(
@@ -358,24 +372,24 @@ def test_publisher_of_another_type(
     first = camera.create_publisher(String, '/mixed', 10)
     recording = record('/mixed')
     say(first, 'a')
-    wait_for(lambda: recording.messages)
+    wait_until(lambda: recording.messages)
     second = other.create_publisher(Empty, '/mixed', 10)
-    wait_for(lambda: recording.has(
+    wait_until(lambda: recording.has(
         'warning: /mixed has publishers of std_msgs/msg/Empty, whose messages are neither '
         'recorded nor counted while there are publishers of std_msgs/msg/String'))
     second.publish(Empty())
     say(first, 'b')
-    wait_for(lambda: len(recording.messages) == 2)
+    wait_until(lambda: len(recording.messages) == 2)
     camera.destroy_publisher(first)
-    wait_for(second.get_subscription_count)
+    wait_until(second.get_subscription_count)
     second.publish(Empty())
-    wait_for(lambda: len(recording.messages) == 3)
+    wait_until(lambda: len(recording.messages) == 3)
     assert recording.messages[2].channel.type_name == 'std_msgs/msg/Empty'
     other.destroy_publisher(second)
-    wait_for(lambda: not node.count_publishers('/mixed'))
+    wait_until(lambda: not node.count_publishers('/mixed'))
     third = camera.create_publisher(String, '/mixed', 10)
     say(third, 'c')
-    wait_for(lambda: len(recording.messages) == 4)
+    wait_until(lambda: len(recording.messages) == 4)
     assert recording.messages[3].channel is recording.messages[0].channel
     assert recording.end()
     accounts = [line for line in recording.console.lines if 'messages received' in line]
@@ -391,14 +405,14 @@ def test_publisher_with_another_definition(record: Record, camera: Node, other: 
     say(publisher, 'a')
     older = TypeSupport(read_definition('std_msgs/msg/String', 'string text'))
     other.create_publisher(older.python_class(), '/said', 10)
-    wait_for(lambda: recording.has('/said has publishers with another definition of std_msgs'))
+    wait_until(lambda: recording.has('/said has publishers with another definition of std_msgs'))
     assert recording.end()
 
 
 def test_message_without_a_byte(record: Record, camera: Node) -> None:
     publisher = camera.create_publisher(String, '/said', 10)
     recording = record('/said')
-    wait_for(publisher.get_subscription_count)
+    wait_until(publisher.get_subscription_count)
     publisher.publish(b'')
-    wait_for(lambda: recording.messages)
+    wait_until(lambda: recording.messages)
     assert [message.size for message in recording.messages] == [0]

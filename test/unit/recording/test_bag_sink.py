@@ -31,7 +31,7 @@ from threading import Event
 import time
 
 from bag_readers import decode, read_by_all, read_indexed
-from conftest import DEADLINE, disk_of, read_manifest, recorded_files
+from conftest import disk_of, read_manifest, recorded_files
 from console import Console
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
@@ -59,6 +59,7 @@ from rclpy.serialization import serialize_message
 from recordings import frame_of, NANO, NO_LIMITS, open_videos, random_image
 from sensor_msgs.msg import CameraInfo
 from stepped_clock import SteppedClock
+from waiting import pause, wait_until
 
 CHANNEL = BagChannel(topic='/video_frames', type_name=IMAGE)
 
@@ -541,7 +542,7 @@ while True:
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 def test_twenty_killed_recordings_are_finished(tmp_path: Path) -> None:
     chosen = random.Random(21)
@@ -551,7 +552,7 @@ def test_twenty_killed_recordings_are_finished(tmp_path: Path) -> None:
                               stdout=subprocess.PIPE, text=True) as recording:
             for line in recording.stdout:
                 if int(line) == moment:
-                    time.sleep(chosen.random() / 100)  # anywhere within a frame
+                    pause(chosen.random() / 100)  # anywhere within a frame
                     recording.send_signal(signal.SIGKILL)
                     break
             written = max([moment, *map(int, recording.stdout.read().split())])
@@ -708,10 +709,7 @@ def test_messages_that_leave_the_queue(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(bags, 'prepare', lambda item: may_write.wait() and prepare(item))
     recorder = Recorder(bags, Console(), queue_size=1, writers=1)
     recorder.put(batch(1, 1))
-    deadline = time.monotonic() + DEADLINE
-    while not recorder.has_room:  # until the writer has the first one
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: recorder.has_room, 'the first one in the writer')
     recorder.put(batch(2, 1), results.append)
     recorder.put(batch(3, 1), results.append)
     recorder.abandon()
@@ -721,10 +719,7 @@ def test_messages_that_leave_the_queue(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 def wait_for_results(results: list[Path | Unwritten], count: int) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while len(results) < count:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(results) >= count, f'{count} results', results=lambda: len(results))
 
 
 def test_bag_of_messages_that_is_removed(tmp_path: Path) -> None:
@@ -732,10 +727,7 @@ def test_bag_of_messages_that_is_removed(tmp_path: Path) -> None:
     recorder = Recorder(open_bags(tmp_path), console)
     written: list[Path | str] = []
     recorder.put(batch(1, 3), written.append)
-    deadline = time.monotonic() + DEADLINE
-    while not written:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: written, 'the result')
     (tmp_path / 'drive.mcap').unlink()
     recorder.close()
     assert recorder.is_unfinished

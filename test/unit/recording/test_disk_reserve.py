@@ -21,7 +21,6 @@ from pathlib import Path
 import shutil
 from threading import Event
 
-from conftest import DEADLINE
 from console import Console
 from opencv_tools.bags.bag import Bag
 from opencv_tools.recording import disk_reserve as module
@@ -31,6 +30,7 @@ from opencv_tools.recording.open_sink import open_bag_sink
 from opencv_tools.recording.recorder import Recorder
 import pytest
 from recordings import gray_frame
+from waiting import wait_until
 
 
 def test_end_at_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,7 +40,7 @@ def test_end_at_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     for number in range(2):
         recorder.put(gray_frame(number))
     recorder.put(gray_frame(2), lambda outcome: is_written.set())
-    assert is_written.wait(DEADLINE)
+    wait_until(is_written.is_set)
     assert 0 < sink.left <= shutil.disk_usage(tmp_path).total
     monkeypatch.setattr(module, 'RESERVE_BYTES', 10**18)
     for number in range(3):

@@ -27,10 +27,9 @@ import random
 import subprocess
 import sys
 import threading
-import time
 from typing import Any
 
-from conftest import DEADLINE, read_manifest, recorded_files
+from conftest import read_manifest, recorded_files
 from console import Console
 import cv2
 import numpy as np
@@ -46,6 +45,7 @@ import pytest
 from recordings import (
     failing, gray_frame, gray_numbers, image_sink, manifest_line, record, record_ring)
 from special_files import KINDS
+from waiting import LONGEST_SECONDS, pause, wait_until, work_of
 
 
 def test_removed_folder_is_created_again(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_removed_folder_is_created_again(tmp_path: Path) -> None:
     def put_and_wait(number: int) -> None:
         done = threading.Event()
         recorder.put(gray_frame(number), lambda _: done.set())
-        assert done.wait(DEADLINE)
+        wait_until(done.is_set)
 
     put_and_wait(0)
     (tmp_path / 'mount').rename(tmp_path / 'away')
@@ -117,10 +117,11 @@ def leave_behind(folder: Path, kill_in: str) -> None:
     """Record a frame in a process that ends in the middle of a call, like a killed one."""
     died = subprocess.run([sys.executable, '-c', DIE_WITHIN, str(folder), kill_in], check=False,
                           env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
-                          timeout=DEADLINE)
+                          timeout=LONGEST_SECONDS)
     assert died.returncode == 9
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @pytest.mark.parametrize(('kill_in', 'is_there'), [
     ('link', False), ('unlink', True), ('append', True)])
@@ -145,6 +146,7 @@ from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.image_encoder import EncoderSettings
+
 sink = open_sink(pathlib.Path(sys.argv[1]), FileNames('{seq:05d}.png'), EncoderSettings('.png'),
                   'continue', Limits(), False)
 recorder = Recorder(sink, logging, writers=2, block=True)
@@ -155,7 +157,7 @@ for number in itertools.count():
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 def test_recording_killed_at_any_moment_leaves_whole_files(tmp_path: Path) -> None:
     moments = random.Random(5)
@@ -164,11 +166,11 @@ def test_recording_killed_at_any_moment_leaves_whole_files(tmp_path: Path) -> No
         with subprocess.Popen(
                 [sys.executable, '-c', RECORD_UNTIL_KILLED, str(tmp_path)]) as process:
             try:
-                deadline = time.monotonic() + DEADLINE
-                while len(recorded_files(tmp_path)) <= len(checked):
-                    assert time.monotonic() < deadline
-                    assert process.poll() is None
-                time.sleep(moments.uniform(0, 0.02))
+                wait_until(lambda: len(recorded_files(tmp_path)) > len(checked), 'another file',
+                           files=lambda: len(recorded_files(tmp_path)),
+                           work=lambda: work_of(process.pid))
+                assert process.poll() is None
+                pause(moments.uniform(0, 0.02))
             finally:
                 process.kill()
         for path in set(recorded_files(tmp_path)) - checked:

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from threading import Thread
 
-from conftest import DEADLINE
 from opencv_tools.recording.frame_queue import FrameQueue
+from waiting import join
 
 
 def test_items_are_numbered_in_their_order() -> None:
@@ -44,7 +44,7 @@ def test_blocked_put_continues_after_a_get() -> None:
     putting = Thread(target=queue.put, args=['b'], daemon=True)
     putting.start()
     assert queue.get() == (0, 'a')
-    putting.join(DEADLINE)
+    join(putting)
     assert not putting.is_alive()
     assert queue.get() == (1, 'b')
 
@@ -55,5 +55,5 @@ def test_close_ends_a_waiting_get() -> None:
     getting = Thread(target=lambda: results.append(queue.get()), daemon=True)
     getting.start()
     queue.close()
-    getting.join(DEADLINE)
+    join(getting)
     assert results == [None]

@@ -20,7 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 import threading
 
-from conftest import DEADLINE, read_manifest, recorded_files
+from conftest import read_manifest, recorded_files
 from console import Console
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.image_encoder import EncoderSettings
@@ -30,6 +30,7 @@ from opencv_tools.recording.recorder import Recorder
 from opencv_tools.recording.selection import Limits
 import pytest
 from recordings import gray_frame, gray_numbers, image_sink, record
+from waiting import join
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.mp4'])
@@ -84,7 +85,7 @@ def test_two_simultaneous_recordings_share_a_folder(tmp_path: Path) -> None:
     for thread in threads:
         thread.start()
     for thread in threads:
-        thread.join(DEADLINE)
+        join(thread)
     assert sorted(gray_numbers(tmp_path)) == sorted([*range(40)] * 2)
     assert len(read_manifest(tmp_path)) == 80
 

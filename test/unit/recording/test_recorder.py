@@ -19,9 +19,8 @@ from __future__ import annotations
 import errno
 from pathlib import Path
 import threading
-import time
 
-from conftest import DEADLINE, read_manifest, recorded_files
+from conftest import read_manifest, recorded_files
 from console import Console
 import numpy as np
 from opencv_tools.recording.errors import LimitReached
@@ -35,6 +34,7 @@ from opencv_tools.recording.selection import Limits
 import pytest
 from recordings import frame_of, gray_frame, gray_numbers, image_sink, record
 from switching import switching_in
+from waiting import join, wait_until
 
 
 def test_frames_are_numbered_in_the_order_of_arrival(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ class SlowSink(ImageSink):
 
     def prepare(self, frame: ReceivedFrame) -> object:
         self.has_begun.set()
-        assert self.may_write.wait(DEADLINE)
+        wait_until(self.may_write.is_set)
         return super().prepare(frame)
 
 
@@ -68,7 +68,7 @@ def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_sink: SlowSink) 
     console = Console()
     recorder = Recorder(slow_sink, console, queue_size=3, writers=1)
     recorder.put(gray_frame(0))
-    assert slow_sink.has_begun.wait(DEADLINE)
+    wait_until(slow_sink.has_begun.is_set)
     made_room = [recorder.put(gray_frame(number)) for number in range(1, 20)]
     slow_sink.may_write.set()
     recorder.close()
@@ -83,7 +83,7 @@ def test_full_queue_drops_the_oldest_frame(tmp_path: Path, slow_sink: SlowSink) 
 def test_room_in_the_queue(tmp_path: Path, slow_sink: SlowSink) -> None:
     recorder = Recorder(slow_sink, Console(), queue_size=2, writers=1)
     recorder.put(gray_frame(0))
-    assert slow_sink.has_begun.wait(DEADLINE)  # it is not in the queue any more
+    wait_until(slow_sink.has_begun.is_set)  # it is not in the queue any more
     room = []
     for number in range(1, 3):
         room.append(recorder.has_room)
@@ -99,10 +99,10 @@ def test_blocking_queue_loses_no_frame(tmp_path: Path, slow_sink: SlowSink) -> N
     putting = threading.Thread(
         target=lambda: [recorder.put(gray_frame(number)) for number in range(40)])
     putting.start()
-    putting.join(0.2)
+    wait_until(lambda: not recorder.has_room, 'the full queue')
     assert putting.is_alive()
     slow_sink.may_write.set()
-    putting.join(DEADLINE)
+    join(putting)
     recorder.close()
     assert gray_numbers(tmp_path) == list(range(40))
     assert recorder.counts.dropped == 0
@@ -113,18 +113,17 @@ def test_queue_that_is_abandoned(tmp_path: Path, slow_sink: SlowSink) -> None:
     recorder = Recorder(slow_sink, Console(), writers=1)
     for number in range(5):
         recorder.put(gray_frame(number), outcomes.append)
-    assert slow_sink.has_begun.wait(DEADLINE)
+    wait_until(slow_sink.has_begun.is_set)
 
     def abandon() -> None:
-        while not recorder._queue._closed:
-            time.sleep(0.001)
+        wait_until(lambda: recorder._queue._closed, 'the closed queue')
         recorder.abandon()
         slow_sink.may_write.set()
 
     abandoning = threading.Thread(target=abandon, daemon=True)
     abandoning.start()
     recorder.close()
-    abandoning.join(DEADLINE)
+    join(abandoning)
     assert outcomes == [tmp_path / '000.png'] + ['the recording was interrupted'] * 4
     assert gray_numbers(tmp_path) == [0]
     assert recorder.abandoned == 4

@@ -246,6 +246,7 @@ def test_ring_deletes_whole_files(tmp_path: Path) -> None:
     assert 20 < len(found) <= 30
 
 
+@pytest.mark.quick_cases(2)
 @every_format
 @pytest.mark.parametrize('max_bytes', [3000, 3333, 5000, 9000])
 def test_video_stays_below_max_bytes(tmp_path: Path, suffix: str, max_bytes: int) -> None:
@@ -268,6 +269,7 @@ def test_ring_that_is_full_goes_on_with_a_key_frame(tmp_path: Path) -> None:
     assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= 4000
 
 
+@pytest.mark.quick_cases(1)
 @every_format
 @pytest.mark.parametrize('codec', CODECS)
 def test_file_plays_whenever_it_is_cut_off(tmp_path: Path, codec: str, suffix: str) -> None:

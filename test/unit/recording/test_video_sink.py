@@ -27,11 +27,10 @@ import shutil
 import subprocess
 import sys
 import threading
-import time
 from typing import Any
 
 import av
-from conftest import DEADLINE, disk_of, read_manifest, recorded_files
+from conftest import disk_of, read_manifest, recorded_files
 from console import Console
 import cv2
 import numpy as np
@@ -44,6 +43,7 @@ from opencv_tools.recording.selection import Limits
 import pytest
 from recordings import NANO, open_videos
 from stepped_clock import SteppedClock
+from waiting import wait_until
 
 SMALL, WIDE = (16, 16), (16, 32)
 
@@ -165,6 +165,7 @@ from opencv_tools.recording.frames import RawFrame
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.image_encoder import EncoderSettings
+
 names = FileNames(sys.argv[2])
 videos = open_sink(pathlib.Path(sys.argv[1]), names, EncoderSettings(names.suffix), 'continue',
                    Limits(), False)
@@ -358,7 +359,7 @@ def test_removed_video_is_noticed_and_a_new_one_begins(
         for number in numbers:
             done = threading.Event()
             recorder.put(noise(number), lambda _, done=done: done.set())
-            assert done.wait(DEADLINE)
+            wait_until(done.is_set)
 
     put_and_wait(range(30))
     assert recorder.counts.written > 0
@@ -382,9 +383,7 @@ def test_video_removed_before_the_end_has_no_line(
     recorder = Recorder(videos, console, block=True)
     for number in range(30):
         recorder.put(noise(number))
-    wait = time.monotonic() + DEADLINE
-    while not videos.counts.kept and time.monotonic() < wait:
-        time.sleep(0.01)
+    wait_until(lambda: videos.counts.kept, 'the video')
     action(folder)
     recorder.close()
     assert (recorder.counts.written, recorder.counts.failed) == (0, 30)
@@ -487,6 +486,7 @@ def kept_numbers(folder: Path) -> list[int]:
     return numbers
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 @pytest.mark.parametrize(('limits', 'least'), [
     (Limits(max_bytes=300_000, ring=True), 50),
@@ -522,6 +522,7 @@ def test_ring_deletes_videos_of_earlier_recordings_only(tmp_path: Path) -> None:
     assert kept == [*range(kept[0], 60)] and 36 <= len(kept) <= 40
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 @pytest.mark.parametrize('frames', [4, 6, 15, 25])
 def test_frames_that_are_large_for_a_ring(tmp_path: Path, suffix: str, frames: int) -> None:

@@ -337,7 +337,7 @@ for number in itertools.count():
 """
 
 
-@pytest.mark.stress
+@pytest.mark.thorough
 @pytest.mark.process
 @every_format
 @pytest.mark.parametrize('moment', [30, 97, 234])

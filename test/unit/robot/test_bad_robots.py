@@ -24,11 +24,11 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 
-from conftest import DEADLINE, PRINT_PEAK_MEMORY
+from conftest import PRINT_PEAK_MEMORY
 from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
 import pytest
+from waiting import communicate, LONGEST_SECONDS, pause, status_of, wait_until
 
 ROOT = Path(__file__).parents[3]
 ROBOTS = Path(__file__).parents[2] / 'data' / 'robots' / 'urdf'
@@ -191,7 +191,7 @@ def _refused(command: str, path: Path, output: Path) -> str:
     """Run a command that refuses its input, and return its message."""
     before = _children_time()
     done = subprocess.run(_process(command, str(path), '-o', str(output)), cwd=ROOT,
-                          capture_output=True, text=True, timeout=DEADLINE)
+                          capture_output=True, text=True, timeout=LONGEST_SECONDS)
     assert _children_time() - before < MAX_SECONDS
     assert done.returncode == 2, done.stderr
     assert done.stdout == ''
@@ -334,6 +334,7 @@ def test_endless_device() -> None:
     assert '/dev/zero' in message
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_memory_for_many_dashes_in_comments(tmp_path: Path) -> None:
     path = tmp_path / 'robot.sdf'
@@ -350,7 +351,7 @@ def test_memory_for_many_dashes_in_comments(tmp_path: Path) -> None:
     output = tmp_path / 'output'
     finished = subprocess.run(
         [sys.executable, '-c', script, str(path), str(output)], capture_output=True, text=True,
-        cwd=ROOT, timeout=DEADLINE, check=True)
+        cwd=ROOT, timeout=LONGEST_SECONDS, check=True)
     assert int(finished.stdout) < 1_000_000  # KB; 4,500,000 with an object for every dash
     assert '<link name="a">' in output.read_text()
 
@@ -376,12 +377,14 @@ BUFFERS = pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unb
 def test_full_disk(unbuffered: str) -> None:
     with Path('/dev/full').open('wb') as full:
         done = subprocess.run(_process('urdf_to_sdf', str(ROBOTS / 'ok_arm.urdf')), cwd=ROOT,
-                              stdout=full, stderr=subprocess.PIPE, text=True, timeout=30,
+                              stdout=full, stderr=subprocess.PIPE, text=True,
+                              timeout=LONGEST_SECONDS,
                               env={**os.environ, 'PYTHONUNBUFFERED': unbuffered})
     assert done.returncode == 2, done.stderr
     assert 'No space left' in _one_line(done.stderr, 'urdf_to_sdf')
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.process
 @BUFFERS
 def test_closed_pipe(unbuffered: str, tmp_path: Path) -> None:
@@ -411,12 +414,12 @@ def test_ctrl_c_during_the_expansion_of_xacro(tmp_path: Path) -> None:
                           stderr=subprocess.PIPE) as process:
         child = _child_of(process.pid)
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=30) == (b'', b'')
+        assert communicate(process) == (b'', b'')
     assert process.returncode == 128 + signal.SIGINT
     # The limit of 20 s of processor time must not be what ends it.
     while (used := _used(child)) is not None:
         assert used < 10
-        time.sleep(0.01)
+        pause(0.01)
 
 
 def _used(pid: str) -> float | None:
@@ -437,11 +440,8 @@ def _stat(pid: str) -> list[str]:
 
 def _child_of(pid: int) -> str:
     """Return the child of a process, when it has started and the process sleeps."""
-    end = time.monotonic() + 30
-    while not (children := [path.name for path in Path('/proc').glob('[0-9]*')
-                            if _stat(path.name)[1:2] == [f'{pid}']]):
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    children = wait_until(lambda: [path.name for path in Path('/proc').glob('[0-9]*')
+                                   if _stat(path.name)[1:2] == [f'{pid}']], 'the child')
     _wait_until_asleep(pid)
     return children[0]
 
@@ -459,17 +459,14 @@ def test_ctrl_c() -> None:
         # Python handles a signal that arrives just before a wait only after the wait.
         _wait_until_asleep(process.pid)
         process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 128 + signal.SIGINT
+        assert status_of(process) == 128 + signal.SIGINT
         assert process.stdout and process.stderr
         assert (process.stdout.read(), process.stderr.read()) == (b'', b'')
 
 
 def _wait_until_asleep(pid: int) -> None:
     """Wait until a process sleeps, for example while it waits for input."""
-    end = time.monotonic() + 30
-    while _stat(f'{pid}')[0] != 'S':
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    wait_until(lambda: _stat(f'{pid}')[0] == 'S', 'its sleep')
 
 
 def test_poses_too_far_away(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ import xml.etree.ElementTree as ElementTree
 from opencv_tools.robot.cli import (
     robot_compare, robot_frames, robot_view, sdf_to_urdf, urdf_to_sdf)
 import pytest
+from waiting import LONGEST_SECONDS
 
 ROOT = Path(__file__).parents[3]
 MY_ROBOT = ROOT / 'urdf' / 'my_robot.urdf'
@@ -70,11 +71,11 @@ def forest(tmp_path: Path) -> str:
 def test_conversion_in_a_pipe() -> None:
     command = [sys.executable, '-m', 'opencv_tools.robot.cli']
     there = subprocess.run([*command, 'urdf_to_sdf', '-'], input=MY_ROBOT.read_bytes(),
-                           capture_output=True, check=True, timeout=30)
+                           capture_output=True, check=True, timeout=LONGEST_SECONDS)
     back = subprocess.run([*command, 'sdf_to_urdf', '-'], input=there.stdout,
-                          capture_output=True, check=True, timeout=30)
+                          capture_output=True, check=True, timeout=LONGEST_SECONDS)
     same = subprocess.run([*command, 'robot_compare', str(MY_ROBOT), '-'], input=back.stdout,
-                          capture_output=True, check=True, timeout=30)
+                          capture_output=True, check=True, timeout=LONGEST_SECONDS)
     assert same.stdout.startswith(b'the same robot: links 2, joints 1;')
     assert there.stderr.startswith(b'urdf_to_sdf: warning: <stdin>:')
 
@@ -301,7 +302,7 @@ def test_output_that_is_the_file_of_standard_input(arm: str) -> None:
     with Path(arm).open('rb') as file:
         finished = subprocess.run(
             [sys.executable, '-m', 'opencv_tools.robot.cli', 'urdf_to_sdf', '-', '-o', arm],
-            stdin=file, capture_output=True, text=True, check=False, timeout=30)
+            stdin=file, capture_output=True, text=True, check=False, timeout=LONGEST_SECONDS)
     assert (finished.returncode, finished.stdout) == (2, '')
     assert 'is read by the command, but --output would replace it' in finished.stderr
     assert Path(arm).read_text() == ARM

@@ -303,6 +303,7 @@ def test_mimic_cycle_error_in_a_comparison() -> None:
         differences(circle, circle)
 
 
+@pytest.mark.thorough
 def test_linear_time_for_long_chains() -> None:
     def chain(count: int) -> Robot:
         names = ['base', *(f'l{index}' for index in range(count))]

@@ -132,6 +132,7 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
     return found
 
 
+@pytest.mark.quick_cases(1)
 @PICTURES
 def test_texts_inside_the_picture_without_overlaps(
         name: str, positions: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,6 +151,7 @@ def test_texts_inside_the_picture_without_overlaps(
             assert any(wanted in text for text, _ in texts)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
 def test_space_view_filling_its_cell(name: str) -> None:
     figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))

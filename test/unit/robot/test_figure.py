@@ -21,13 +21,14 @@ from pathlib import Path
 import subprocess
 import sys
 
-from conftest import DEADLINE
 from drawn_robots import plotted, tutorial
 from opencv_tools.robot.drawing import primitives
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
+from waiting import LONGEST_SECONDS
 
 
+@pytest.mark.thorough
 def test_colours_of_a_png_file(tmp_path: Path) -> None:
     from matplotlib.image import imread
     path = tmp_path / 'robot.PNG'
@@ -40,6 +41,7 @@ def test_colours_of_a_png_file(tmp_path: Path) -> None:
         assert (abs(picture[..., :3] - wanted).max(axis=2) < 0.02).sum() > 100
 
 
+@pytest.mark.thorough
 def test_reproducible_svg_without_a_date(tmp_path: Path) -> None:
     one, other = tmp_path / 'one.svg', tmp_path / 'other.svg'
     for path in (one, other):
@@ -71,9 +73,10 @@ def test_error_without_matplotlib(
 def test_late_import_of_matplotlib_and_numpy() -> None:
     script = ('import sys, opencv_tools.robot.drawing.plot; '
               'assert not {"matplotlib", "numpy"} & set(sys.modules)')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE)
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=LONGEST_SECONDS)
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_no_remaining_figures_and_settings(tmp_path: Path) -> None:
     script = ('import matplotlib, sys; before = matplotlib.rcParams.copy(); '
@@ -81,5 +84,5 @@ def test_no_remaining_figures_and_settings(tmp_path: Path) -> None:
               f'plotted(tutorial(), {str(tmp_path / "robot.svg")!r}); '
               'assert "matplotlib.pyplot" not in sys.modules; '
               'assert matplotlib.rcParams.copy() == before')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE,
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=LONGEST_SECONDS,
                    env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})

@@ -252,6 +252,7 @@ def test_relative_poses_of_sdf(name: str, tmp_path: Path) -> None:
     assert differences(_original(name), _read(back), samples=5, tolerance=1e-12) == []
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('version', ['1.7', '1.8', '1.10', '1.12'])
 def test_versions_of_sdf(version: str, tmp_path: Path) -> None:
     wrong = []

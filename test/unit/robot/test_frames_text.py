@@ -107,6 +107,7 @@ def chain(count: int) -> Robot:
                               for parent, child in pairwise(names)))
 
 
+@pytest.mark.thorough
 def test_text_of_a_chain_of_5000_links() -> None:
     def listed(count: int) -> str:
         return text(frames(chain(count), {}))

@@ -105,6 +105,7 @@ def test_missing_frame_error() -> None:
             Kinematics(robot).pose(frame)
 
 
+@pytest.mark.thorough
 def test_linear_time_for_a_chain_of_5000_links() -> None:
     def check(count: int) -> None:
         pose = Pose((0.0, 0.0, 0.001))

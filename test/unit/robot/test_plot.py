@@ -58,6 +58,7 @@ def test_rows_of_the_kinematic_tree() -> None:
     assert (tree.get_xlim(), tree.get_ylim()) == ((0, 1), (10, -0.5))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('count', 'bottom', 'height', 'rest'), [
     (5, 10, 7.65, {}), (40, 40, 10.75, {}), (62, 61, 15.55, {'and 2 more links': (0.02, 60)})])
 def test_maximum_numbers_of_rows_and_names(
@@ -96,6 +97,7 @@ def test_positions_in_the_file(tmp_path: Path) -> None:
         words(path))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('geometry', [
     Capsule(0.5, 1.0), Mesh('a.stl'), None])
 def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
@@ -104,6 +106,7 @@ def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
     assert any(word.startswith('collision of base_link') for word in words(path))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('robot', [
     Robot(name='one', links=(Link(name='only', placement=Placement(Pose(), MODEL)),)),
     chain(4, Pose()),

@@ -218,6 +218,7 @@ def test_common_errors_of_public_files_are_warnings(text: str, line: int) -> Non
     assert 'not well-formed XML' in report.warnings[0].message
 
 
+@pytest.mark.thorough
 def test_linear_cost_of_a_long_chain() -> None:
     def check(count: int) -> None:
         content = ''.join(

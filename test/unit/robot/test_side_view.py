@@ -116,6 +116,7 @@ def test_joint_arrows_in_the_side_view() -> None:
     assert near(texts['base\nxyz 0 0 0\nrpy 0 0 0'], (0.0, 0.0))
 
 
+@pytest.mark.thorough
 def test_side_view_of_joints_away_from_their_links() -> None:
     robot = Robot(name='shifted',
                   links=(Link(name='base', placement=Placement(Pose(), MODEL)),

@@ -102,6 +102,7 @@ def row(*steps: float) -> Robot:
                               for (parent, child), step in zip(pairwise(names), steps)))
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('steps', 'in_space', 'beside'), [
     ((0.1, 0.1, 0.1), 0.045, 0.048), ((0.02, 0.02, 0.3), 0.0102, 0.0204),
     ((0.2, 0.9, 1.0), 0.315, 0.126), ((0.05, 0.5), 0.0825, 0.033), ((0.5,), 0.075, 0.08)])

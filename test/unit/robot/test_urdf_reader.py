@@ -197,6 +197,7 @@ def test_unread_parts_are_written_again(content: str) -> None:
     assert not report.notes
 
 
+@pytest.mark.thorough
 def test_linear_cost_of_long_chains() -> None:
     def check(count: int) -> None:
         links = ''.join(f'<link name="l{index}"/>' for index in range(count + 1))

@@ -24,15 +24,14 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from typing import Any
 
 from opencv_tools.robot.cli import robot_view
 from opencv_tools.robot.view.server import _MAX_CONNECTIONS
 import pytest
+from waiting import communicate, LONGEST_SECONDS, wait_until
 
 pytestmark = pytest.mark.process
-DEADLINE = 120.0
 LINK = '<robot name="{}"><link name="base"/></robot>'
 MESH = ('<robot name="r"><link name="base"><visual><geometry><mesh filename="{}"/></geometry>'
         '</visual></link></robot>')
@@ -51,7 +50,7 @@ class Server:
 
     def get(self, path: str, host: str = 'localhost', method: str = 'GET'
             ) -> tuple[HTTPResponse, bytes]:
-        connection = HTTPConnection('127.0.0.1', self.port, timeout=DEADLINE)
+        connection = HTTPConnection('127.0.0.1', self.port, timeout=LONGEST_SECONDS)
         connection.request(method, path, headers={'Host': f'{host}:{self.port}'})
         answer = connection.getresponse()
         data = answer.read()
@@ -60,18 +59,17 @@ class Server:
 
     def robot(self, after: int | None = None) -> Any:
         """Return the robot; with ``after``, once there is another version."""
-        end = time.monotonic() + DEADLINE
-        while time.monotonic() < end:
+        def read() -> Any:
             answer, data = self.get('/robot.json' + (f'?after={after}' if after else ''))
-            if answer.status == 200:
-                return json.loads(data)
-        raise AssertionError(f'there is no version after {after}')
+            return json.loads(data) if answer.status == 200 else None
+
+        return wait_until(read, f'a version after {after}')
 
     def close(self) -> None:
         if self.process.poll() is not None:
             return
         self.process.send_signal(signal.SIGINT)
-        self.process.communicate(timeout=DEADLINE)
+        communicate(self.process)
 
 
 @pytest.fixture
@@ -159,13 +157,13 @@ def test_mesh_that_appears(robot: Path) -> None:
 
 
 def test_page_that_is_closed_while_it_waits(server: Server, robot: Path) -> None:
-    connection = HTTPConnection('127.0.0.1', server.port, timeout=DEADLINE)
+    connection = HTTPConnection('127.0.0.1', server.port, timeout=LONGEST_SECONDS)
     connection.request('GET', '/robot.json?after=1', headers={'Host': 'localhost'})
     connection.close()
     robot.write_text(LINK.format('another'))
     assert server.robot(after=1)['robots'][0]['name'] == 'another'
     server.process.send_signal(signal.SIGINT)
-    assert server.process.communicate(timeout=DEADLINE)[1] == ''
+    assert communicate(server.process)[1] == ''
 
 
 def test_robot_that_is_wrong_at_the_start(robot: Path) -> None:
@@ -247,7 +245,7 @@ def test_connections_that_read_nothing(robot: Path) -> None:
     try:
         before = peak_memory(server.process.pid)
         for _ in range(count):
-            connection = HTTPConnection('127.0.0.1', server.port, timeout=DEADLINE)
+            connection = HTTPConnection('127.0.0.1', server.port, timeout=LONGEST_SECONDS)
             connection.request('GET', '/mesh/0', headers={'Host': 'localhost'})
             connections.append(connection)
             assert connection.getresponse().read(1) == b'\0'
@@ -263,7 +261,7 @@ def test_limit_of_connections(server: Server) -> None:
     try:
         with pytest.raises((ConnectionError, BadStatusLine)):
             for _ in range(_MAX_CONNECTIONS + 1):
-                connection = HTTPConnection('127.0.0.1', server.port, timeout=DEADLINE)
+                connection = HTTPConnection('127.0.0.1', server.port, timeout=LONGEST_SECONDS)
                 connections.append(connection)
                 connection.request('GET', '/', headers={'Host': 'localhost'})
                 assert connection.getresponse().read()
@@ -273,6 +271,7 @@ def test_limit_of_connections(server: Server) -> None:
     assert len(connections) == _MAX_CONNECTIONS + 1
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize(('host', 'status'), [
     ('localhost', 200), ('127.0.0.1', 200), ('example.org', 403), ('localhost.example.org', 403),
     ('192.168.1.5', 403)])
@@ -297,14 +296,14 @@ def test_end_at_ctrl_c(robot: Path) -> None:
     assert server.line == (f'Open http://localhost:{server.port}/ in a browser; Ctrl-C ends the '
                            'page\n')
     server.process.send_signal(signal.SIGINT)
-    _, errors = server.process.communicate(timeout=DEADLINE)
+    _, errors = communicate(server.process)
     assert (server.process.returncode, errors) == (0, '')
 
 
 def test_port_in_use(server: Server, robot: Path) -> None:
     finished = subprocess.run(
         [sys.executable, '-m', 'opencv_tools.robot.cli', 'robot_view', str(robot), '--port',
-         str(server.port)], capture_output=True, text=True, timeout=DEADLINE, check=False)
+         str(server.port)], capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 2
     assert finished.stderr == (
         f'robot_view: error: port {server.port} cannot be used: Address already in use; choose '

@@ -218,6 +218,7 @@ def test_errors(
     assert capfd.readouterr() == ('', '')
 
 
+@pytest.mark.thorough
 def test_limit_of_macro_calls(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r'a\.xacro:2: <xacro:m>: more than 5000'):
         expanded(tmp_path / 'a.xacro', '<xacro:macro name="m" params="n">\n<xacro:if value="${n}">'

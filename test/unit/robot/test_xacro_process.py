@@ -36,6 +36,7 @@ SLOW = '9**9**9'
 UNINTERRUPTIBLE = 'max(range(10**15))'
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('content', 'limits', 'message'), [
     (EXPONENTIAL + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
      ':2: <link>: needs more memory than the limit'),

@@ -18,10 +18,8 @@ from __future__ import annotations
 
 from queue import Queue
 from threading import Thread
-import time
 
 from builtin_interfaces.msg import Time
-from conftest import DEADLINE
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.order import Position, Way
@@ -29,6 +27,7 @@ from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 import pytest
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
+from waiting import item_of, join, LONGEST_SECONDS, wait_until
 
 PUBLISHER, OTHER_PUBLISHER = bytes(range(16)), bytes(16)
 
@@ -79,10 +78,10 @@ def test_thread_that_waits_for_room(end: str) -> None:
     put(queue, 1, 2)
     assert not queue.wait_for_room(0.01)
     found: list[bool] = []
-    waiting = Thread(target=lambda: found.append(queue.wait_for_room(10 * DEADLINE)))
+    waiting = Thread(target=lambda: found.append(queue.wait_for_room(10 * LONGEST_SECONDS)))
     waiting.start()
     getattr(queue, end)()
-    waiting.join(DEADLINE)
+    join(waiting)
     assert found == [True]
 
 
@@ -223,11 +222,11 @@ def test_thread_that_waits(with_info: bool) -> None:
     for number in (1, 2, 3):
         put(queue, number)
         if with_info:
-            time.sleep(0.05)  # in which the thread finds that the calibration is missing
+            wait_until(lambda: queue.lock._waiters, 'the thread, which waits for the calibration')
             queue.put_info(info(number))
-        found = taken.get(timeout=30.0)
+        found = item_of(taken)
         assert isinstance(found, ReceivedMessage)
         assert (found.number, found.camera_info is not None) == (number, with_info)
     queue.close()
-    assert taken.get(timeout=DEADLINE) is None
-    thread.join(DEADLINE)
+    assert item_of(taken) is None
+    join(thread)

@@ -21,8 +21,6 @@ import gc
 from queue import Queue
 from threading import Event, Thread
 
-from child_processes import wait_until
-from conftest import DEADLINE
 from opencv_tools.logs import Log
 from opencv_tools.topics import shared_source
 from opencv_tools.topics.options import SubscriptionOptions
@@ -43,6 +41,7 @@ from sensor_msgs.msg import Image
 from sharing import TOPIC
 from std_msgs.msg import String
 from switching import switching_in
+from waiting import item_of, join, wait_until
 
 pytest_plugins = ['sharing']
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -226,11 +225,11 @@ def test_changes_that_the_executor_has_to_see(
     assert receiver.shared.check() == []
     assert not receiver.shared.has_changed
     publisher.send(1)
-    assert receiver.changes.get(timeout=DEADLINE)
+    assert item_of(receiver.changes)
     assert receiver.shared.check() == []
     del publisher.writer
     gc.collect()
-    assert receiver.changes.get(timeout=DEADLINE)
+    assert item_of(receiver.changes)
     assert receiver.shared.check() == []
     assert receiver.way(publisher) is Way.TOPIC
     assert receiver.shared.explain({publisher.identifier}) == 'its writer has ended'
@@ -241,8 +240,8 @@ def test_messages_that_are_missing_for_too_long(
     monkeypatch.setattr(shared_source, '_JOIN_SECONDS', 0.0)
     receiver.join(publisher)
     publisher.send(5, message=5)
-    receiver.puts.get(timeout=DEADLINE)
-    assert receiver.changes.get(timeout=DEADLINE)
+    item_of(receiver.puts)
+    assert item_of(receiver.changes)
     assert receiver.way(publisher) is Way.JOINING
     assert receiver.shared.check() == [publisher.identifier]
     receiver.shared.stop_joining(publisher.identifier)
@@ -272,6 +271,6 @@ def test_threads_that_receive_at_once(receiver: Receiver, publisher: Publisher) 
                        or numbers[-1:] == [last], f'frame {last}')  # noqa: B023
         ended.set()
         for thread in threads:
-            thread.join(DEADLINE)
+            join(thread)
     assert numbers == [*range(1, 161)]
     assert receiver.queue.order.count == 0

@@ -21,10 +21,8 @@ import gc
 import json
 import math
 from threading import Event
-import time
 
-from child_processes import wait_until
-from conftest import DEADLINE, spin_until
+from conftest import spin_until
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.topics import order, shared_frames, shared_source
 from opencv_tools.topics.order import Way
@@ -46,6 +44,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image
 from sharing import Camera, is_picture, TOPIC, Viewer
 from std_msgs.msg import String
+from waiting import pause, wait_until, Watch, work
 
 pytest_plugins = ['sharing']
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -59,18 +58,19 @@ def test_change_to_shared_memory(viewer: Viewer, camera: Node) -> None:
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('end', ['goes on', 'ends'])
 def test_frames_that_wait_for_a_busy_executor(viewer: Viewer, camera: Node, end: str) -> None:
     # Messages wait for the executor while shared frames already arrive.
     for turn in range(8):
         ours = Camera(camera, f'turn{turn}')
         viewer.watch(lambda: ours.subscribers > 0 and viewer.publishers > 0)  # noqa: B023
-        end_at = time.monotonic() + DEADLINE
+        watch = Watch('sharing', {'sent': lambda: ours.sent, 'work': work})  # noqa: B023
         while not viewer.is_sharing:
-            assert time.monotonic() < end_at
+            watch.check()
             for _ in range(6):
                 ours.send()
-                time.sleep(0.004)
+                pause(0.004)
             if end == 'ends' and ours.sent > 6 * turn:
                 break
             viewer.watch(lambda: viewer.received(ours) == ours.sent)  # noqa: B023
@@ -93,10 +93,11 @@ def test_executor_that_loses_a_wake_up(
     with monkeypatch.context() as patch:
         patch.setattr(viewer.subscription._wake_ups._guard, 'trigger', lost.set)
         ours.send()
-        assert lost.wait(DEADLINE)
+        wait_until(lost.is_set)
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 def test_plain_publisher_joins_and_leaves(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     viewer.match(ours)
@@ -135,6 +136,7 @@ def test_publisher_and_subscriber_of_one_node(viewer: Viewer) -> None:
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
     ours = Camera(camera)
     viewer.match(ours)
@@ -149,6 +151,7 @@ def test_size_and_encoding_that_change(viewer: Viewer, camera: Node) -> None:
     viewer.assert_complete(ours)
 
 
+@pytest.mark.quick_cases(1)
 def test_publisher_that_starts_again(viewer: Viewer, camera: Node) -> None:
     for turn in range(20):
         ours = Camera(camera, f'turn{turn}')
@@ -179,6 +182,7 @@ def test_overwritten_frames_are_counted(
     assert viewer.count + viewer.missed == ours.sent
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('depth', [1, None])
 def test_overwritten_frames_before_the_image_topic_are_counted(
         view: Callable[..., Viewer], camera: Node, depth: int | None) -> None:
@@ -207,7 +211,7 @@ def test_skipped_frames_of_a_slow_callback(camera: Node, node: Node, every: bool
     def slow(frame: Frame) -> None:
         assert is_picture(frame)
         numbers.append(frame.stamp.sec)
-        assert may_return.wait(DEADLINE)
+        wait_until(may_return.is_set)
 
     subscriber = FrameSubscriber(node, TOPIC, slow, encoding='', every=every, threaded=True)
     try:
@@ -273,6 +277,7 @@ def test_view_outlives_subscription_and_node(domain: int, camera: Node) -> None:
     assert all(map(is_picture, frames))
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('changed', [
     {}, {'service': '0' * 32}, {'service': ''}, {'boot': '0' * 36}, {'version': 7}],
     ids=['repeated', 'of nobody', 'withdrawn', 'of another host', 'of another version'])
@@ -491,7 +496,10 @@ def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
     if end == 'of the writer':
         del slot, writer
         gc.collect()
-        time.sleep(0.2)  # longer than the thread takes to notice it
+        rounds: list[None] = []
+        wait = source._wait
+        source._wait = lambda: rounds.append(wait())
+        wait_until(lambda: rounds, 'a round of the thread that began after the end')
         wait_until(pop, 'all frames')
         wait_until(lambda: isinstance(source.error, WriterEndedError), 'the end of the source')
     else:
@@ -503,6 +511,7 @@ def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
     assert (numbers, queue.skipped) == ([*range(1, MAX_DEPTH + 1)], 0)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('is_shared', [False, True])
 def test_message_that_was_not_published(
         viewer: Viewer, camera: Node, monkeypatch: pytest.MonkeyPatch, is_shared: bool) -> None:

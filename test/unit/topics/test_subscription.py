@@ -25,7 +25,7 @@ import sys
 import threading
 import time
 
-from conftest import DEADLINE, destroy, spin_until
+from conftest import destroy, spin_until
 from opencv_tools.image.cdr import (
     cdr_to_image, image_to_cdr, WireCompressedImage, WireImage, WireMessage,
 )
@@ -47,6 +47,7 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
+from waiting import join, LONGEST_SECONDS, pause, wait_until
 
 TOPIC = '/video_frames'
 RELIABLE = QoSProfile(depth=10)
@@ -154,19 +155,6 @@ def spin_polls(node: Node, subscription: FrameSubscription, count: int) -> None:
     for _ in range(count):
         before = subscription._polled_at
         spin_until(node, lambda: subscription._polled_at != before)  # noqa: B023
-
-
-def spin_for(node: Node, seconds: float) -> None:
-    end = time.monotonic() + seconds
-    spin_until(node, lambda: time.monotonic() > end)
-
-
-def wait_until(condition: Callable[[], bool]) -> None:
-    """Wait without running the executor."""
-    deadline = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < deadline, 'the condition did not come to hold'
-        time.sleep(0.01)
 
 
 def requests(node: Node, topic: str = TOPIC) -> dict[bytes, QoSProfile]:
@@ -574,7 +562,7 @@ def test_reception_time_of_frames(
     publisher.publish(image(0))  # received before this returns, in one process
     wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     after = time.time_ns()
-    time.sleep(0.01)
+    pause(0.01)
     spin_until(node, lambda: bool(received.frames))
     assert before <= received.times[0] <= after
     reader = subscription._sources.image._reader
@@ -685,6 +673,7 @@ def remapped(domain: int) -> Iterator[Callable[[str], Node]]:
         destroy(created)
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('transport', 'message_type', 'target', 'topic'), [
     ('auto', Image, '/camera/image_raw', '/camera/image_raw'),
     ('auto', CompressedImage, '/camera/image_raw', '/camera/image_raw/compressed'),
@@ -722,7 +711,7 @@ def test_warning_for_each_new_reason(
         console += capfd.readouterr().err
         return text in console
 
-    subscribe()
+    subscription = subscribe()
     spin_until(node, lambda: logged(
         f'No frames: no publisher on /video_frames; no images are published in ROS_DOMAIN_ID '
         f'{domain}; is a publisher running, with the same ROS_DOMAIN_ID?'))
@@ -730,7 +719,7 @@ def test_warning_for_each_new_reason(
     spin_until(node, lambda: logged('receive one with -r video_frames:=/camera/image_raw'))
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
     spin_until(node, lambda: logged('/video_frames has a publisher (node /front/camera), but'))
-    spin_for(node, 0.8)  # no repetition meanwhile
+    spin_polls(node, subscription, 2)  # no repetition meanwhile
     publish_until(node, publisher, image, lambda: logged('Frames arrive on /video_frames'))
     console += capfd.readouterr().err
     assert console.count('No frames: ') == 3
@@ -749,10 +738,10 @@ def test_no_warning_after_a_latched_image(
         capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(no_frames_warning, '_MIN_SECONDS', 0.3)
     camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
-    subscribe()
+    subscription = subscribe()
     spin_until(node, lambda: received.numbers() == [7])
     capfd.readouterr()  # of a wait on a busy machine
-    spin_for(node, 0.8)
+    spin_polls(node, subscription, 2)
     assert 'No frames' not in capfd.readouterr().err
 
 
@@ -779,7 +768,7 @@ def test_end_by_a_callback_while_the_executor_works(
     readers = []
 
     def end(_: ReceivedMessage) -> None:
-        assert is_working.wait(DEADLINE)
+        wait_until(is_working.is_set)
         subscription.destroy()
         is_destroyed.set()
 
@@ -821,7 +810,7 @@ def test_exception_of_a_threaded_callback_at_the_end(
 
     def fail(_: ReceivedMessage) -> None:
         has_frame.set()
-        assert may_fail.wait(DEADLINE)
+        wait_until(may_fail.is_set)
         raise ValueError('mine')
 
     subscription = FrameSubscription(
@@ -833,7 +822,7 @@ def test_exception_of_a_threaded_callback_at_the_end(
     thread = subscription._consumer._thread
     if when == 'before':
         may_fail.set()
-        thread.join(DEADLINE)
+        join(thread)
     else:
         threading.Timer(0.1, may_fail.set).start()
     with pytest.raises(ValueError, match='mine'):
@@ -889,4 +878,4 @@ def test_destroy_leaves_no_entity(
 def test_import_without_recording_and_opencv() -> None:
     script = ('import sys; sys.modules.update(dict.fromkeys(("opencv_tools.recording", "cv2"))); '
               'import opencv_tools.topics.subscription')
-    subprocess.run([sys.executable, '-c', script], check=True, timeout=DEADLINE)
+    subprocess.run([sys.executable, '-c', script], check=True, timeout=LONGEST_SECONDS)

@@ -14,7 +14,6 @@
 
 from __future__ import annotations
 
-import time
 
 from conftest import executor_of, spin_until
 from opencv_tools.message_types.definition import DefinitionError
@@ -26,8 +25,17 @@ from opencv_tools.transport.message_type import message_type
 import pytest
 from rclpy.node import Node
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from stepped_clock import SteppedClock
 
 UNKNOWN = 'my_robot_msgs/msg/Door', 'bool is_open\n'
+
+
+def step_clock(monkeypatch: pytest.MonkeyPatch) -> SteppedClock:
+    """Let a question end 0.2 s later by the clock that is returned."""
+    clock = SteppedClock()
+    monkeypatch.setattr(topic_types, 'time', clock)
+    monkeypatch.setattr(topic_types, '_ANSWER_SECONDS', 0.2)
+    return clock
 
 
 @pytest.mark.process
@@ -53,14 +61,14 @@ def test_installed_shipped_and_sent_types(node: Node, camera: Node) -> None:
 @pytest.mark.process
 def test_silent_publisher(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(topic_types, '_ANSWER_SECONDS', 0.2)
+    clock = step_clock(monkeypatch)
     camera.create_publisher(message_type(*UNKNOWN), '/door', 1)
     types = TopicTypes(node)
     spin_until(node, lambda: any(
         offer.node_name == 'camera' for offer in node.get_publishers_info_by_topic('/door')))
     offer, = node.get_publishers_info_by_topic('/door')
     assert types.find(offer) is None
-    time.sleep(0.2)
+    clock.step_to(clock.now + 0.2)
     with pytest.raises(DefinitionError, match=r'/front/camera has not sent it within 0\.2 s; '
                        'install the package my_robot_msgs'):
         types.find(offer)
@@ -80,12 +88,12 @@ def test_patterns() -> None:
 def test_question_ends_with_its_client(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     """Neither an answer, nor its absence, nor the end of the publisher leaves a client."""
-    monkeypatch.setattr(topic_types, '_ANSWER_SECONDS', 0.2)
+    clock = step_clock(monkeypatch)
     types, clients = TopicTypes(node), len([*node.clients])
     first, second = offers(node, camera, '/door', '/lid')
     assert types.find(first) is None
     assert len([*node.clients]) == clients + 1
-    time.sleep(0.2)
+    clock.step_to(clock.now + 0.2)
     with pytest.raises(DefinitionError, match='has not sent it'):
         types.find(first)
     assert len([*node.clients]) == clients
@@ -100,11 +108,11 @@ def test_question_ends_with_its_client(
 def test_node_that_is_started_again(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another publisher of a type, and a new process of the same node, have their own time."""
-    monkeypatch.setattr(topic_types, '_ANSWER_SECONDS', 0.2)
+    clock = step_clock(monkeypatch)
     types = TopicTypes(node)
     offer, _ = offers(node, camera, '/door', '/lid')
     assert types.find(offer) is None
-    time.sleep(0.2)
+    clock.step_to(clock.now + 0.2)
     for change in ({'node_name': 'other'}, {'endpoint_gid': 16 * [7]}):
         assert types.find(changed(offer, **change)) is None
     with pytest.raises(DefinitionError, match='has not sent it'):

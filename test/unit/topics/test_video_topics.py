@@ -201,6 +201,7 @@ def test_nothing_is_encoded_without_subscribers(node: Node) -> None:
         lambda: pytest.fail('nobody receives it'), WireHeader(1, 0, '')) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize('type_name', TYPES)
 def test_late_subscriber_gets_a_key_frame(
         node: Node, subscribe: Subscribe, type_name: str) -> None:

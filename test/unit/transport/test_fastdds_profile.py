@@ -29,6 +29,7 @@ from opencv_tools.transport.fastdds import profile, shared_memory
 from opencv_tools.transport.fastdds.profile import (
     configured_fastdds, FastDdsSetup, is_fastdds_2, NOT_CONFIGURED)
 import pytest
+from waiting import LONGEST_SECONDS
 
 Start = Callable[..., NodeProcess]
 
@@ -45,6 +46,7 @@ COUNT_PAGE_FAULTS = """
 import resource
 import numpy as np
 from opencv_tools.transport.fastdds.profile import configured_fastdds
+
 
 def use_two_frames():
     frames = [np.empty(6_000_000, np.uint8) for _ in range(2)]
@@ -182,12 +184,13 @@ def test_no_warning_about_frames_that_fit(
     assert made.size_warning(FULL_HD) == ''
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_page_faults_of_reused_frames(tell: Callable[[str], None]) -> None:
     def faults(transport: str) -> float:
         finished = subprocess.run(
             [sys.executable, '-c', COUNT_PAGE_FAULTS], check=True, capture_output=True, text=True,
-            timeout=30, env={**os.environ, 'OPENCV_TOOLS_TRANSPORT': transport,
+            timeout=LONGEST_SECONDS, env={**os.environ, 'OPENCV_TOOLS_TRANSPORT': transport,
                              'NUMPY_MADVISE_HUGEPAGE': '0'})
         return float(finished.stdout)
 
@@ -226,6 +229,7 @@ def test_profile_file_of_the_user(tmp_path: Path, name: str) -> None:
     assert made == FastDdsSetup(f'Fast DDS and malloc are not configured: {name} exists')
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(('transport', 'summary', 'is_large'), [
     ('', '16 MB of shared memory', True),
     ('default', 'not configured: OPENCV_TOOLS_TRANSPORT is default', False)])

@@ -188,6 +188,7 @@ def check_ends(subscriber: NodeProcess, count: int, publisher: NodeProcess, word
     assert words in publisher.output
 
 
+@pytest.mark.thorough
 def test_frames_from_one_user_to_another(
         start_users: Callable[[str], tuple[NodeProcess, NodeProcess]]) -> None:
     publisher, subscriber = start_users('SUBNET')
@@ -195,6 +196,7 @@ def test_frames_from_one_user_to_another(
                'frames are sent over UDP and may be late; run all nodes as one user')
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.environ.get('ROS_DISTRO') == 'kilted',
                     reason='Fast DDS 3 passes on some frames at times')
 def test_users_who_exchange_no_frames(

@@ -26,7 +26,6 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from conftest import DEADLINE
 from hypothesis import given, settings, strategies
 import numpy as np
 from opencv_tools.image.errors import CdrError
@@ -38,6 +37,7 @@ from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.reader import FrameReader, MAX_VIEWS
 from opencv_tools.transport.shared_frames.writer import FrameWriter
 import pytest
+from waiting import LONGEST_SECONDS
 
 SERVICE = '0123456789abcdef' * 2
 
@@ -54,7 +54,7 @@ def publish(writer: FrameWriter, pixels: np.ndarray, number: int = 0) -> bool:
 
 
 def receive(reader: FrameReader) -> SharedFrame:
-    assert reader.wait(DEADLINE)
+    assert reader.wait(LONGEST_SECONDS)
     frame = reader.receive()
     assert frame is not None
     return frame
@@ -267,6 +267,7 @@ print('sent', sent)
 """
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.process
 @pytest.mark.parametrize(('megabytes', 'size', 'refused'), [
     (4, 6220800, True), (14, 6220800, True), (32, 6220800, True), (64, 6220800, True),
@@ -276,7 +277,7 @@ def test_full_shared_memory(mount_namespace: Sequence[str], megabytes: float, si
     mounted = f'mount -t tmpfs -o size={int(megabytes * 2**20)} none /dev/shm && exec "$@"'
     finished = subprocess.run(
         [*mount_namespace, 'sh', '-c', mounted, 'sh', sys.executable, '-c', FILL, str(size), '3'],
-        capture_output=True, text=True, timeout=DEADLINE, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, (finished.returncode, finished.stderr)
     assert ('sent 60' not in finished.stdout) == refused, finished.stdout
     assert ('/dev/shm' in finished.stdout) == refused, finished.stdout
@@ -287,6 +288,7 @@ import os, sys
 from opencv_tools.transport.shared_frames.header import FrameHeader
 from opencv_tools.transport.shared_frames.memory import FrameMemory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
+
 size, sent_before = int(sys.argv[1]), int(sys.argv[2])
 memory = FrameMemory()
 writer = memory.create_writer(size)
@@ -311,6 +313,7 @@ print(sent)
 """
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.process
 @pytest.mark.parametrize('size', [3500, 4096, 10000])
 @pytest.mark.parametrize('sent_before', [2, 5, 7])
@@ -319,7 +322,7 @@ def test_shared_memory_filled_by_others(
     finished = subprocess.run(
         [*mount_namespace, 'sh', '-c', 'mount -t tmpfs -o size=8m none /dev/shm && exec "$@"',
          'sh', sys.executable, '-c', FULL, str(size), str(sent_before)],
-        capture_output=True, text=True, timeout=DEADLINE, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, (finished.returncode, finished.stderr)
     assert sent_before <= int(finished.stdout) < 40
 

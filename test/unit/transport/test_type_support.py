@@ -64,6 +64,7 @@ rclpy.spin(node)
 """
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', [
     'sensor_msgs/msg/CompressedImage', 'sensor_msgs/msg/JointState', 'std_msgs/msg/Empty',
     'diagnostic_msgs/msg/DiagnosticArray', 'rcl_interfaces/msg/ParameterEvent'])

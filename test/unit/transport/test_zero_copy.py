@@ -23,7 +23,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from conftest import DEADLINE, spin_until
+from conftest import spin_until
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.cdr import cdr_to_image, image_to_cdr, WireHeader, WireImage
@@ -43,6 +43,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import Image
+from waiting import wait_until
 
 MB = 1 << 20
 PIXEL = WireImage(header=WireHeader(1, 2, 'camera'), height=1, width=1, encoding='mono8',
@@ -79,20 +80,19 @@ def subscription(node: Node, publisher: Publisher) -> Subscription:
 
 def take(subscription: Subscription) -> tuple[NDArray[np.uint8], MessageInfo]:
     """Take a message, which may still be in transit."""
-    deadline = time.monotonic() + DEADLINE
-    while (taken := take_serialized(subscription.handle)) is None:
-        assert time.monotonic() < deadline, 'no message came'
-        time.sleep(0.001)
-    return taken
+    return wait_until(lambda: take_serialized(subscription.handle), 'a message')
 
 
 def take_next_image(subscription: Subscription) -> TakenImage:
     """Take an image, which may still be in transit."""
-    deadline = time.monotonic() + DEADLINE
-    while (taken := take_image(subscription.handle)).image is None:
-        assert time.monotonic() < deadline, 'no message came'
-        time.sleep(0.001)
-    return taken
+    taken: list[TakenImage] = []
+
+    def has_image() -> bool:
+        taken.append(take_image(subscription.handle))
+        return taken[-1].image is not None
+
+    wait_until(has_image, 'a message')
+    return taken[-1]
 
 
 def read_image(subscription: Subscription) -> WireImage:
@@ -213,7 +213,7 @@ def test_subscription_destroyed_during_a_call(
         monkeypatch: pytest.MonkeyPatch, function: str,
         read: Callable[[Subscription], WireImage]) -> None:
     publish_image(publisher.handle, PIXEL)
-    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     destroy_meanwhile(monkeypatch, function, lambda: node.destroy_subscription(subscription))
     assert read(subscription) == PIXEL
     with pytest.raises(RuntimeError, match=r'\w+ \w+'):
@@ -245,7 +245,7 @@ def test_unreadable_messages(
     whole = image_to_cdr(replace(PIXEL, data=bytes(100)))
     for _ in range(2):
         publisher.publish(whole[:size])
-    assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+    wait_until(lambda: publisher.wait_for_all_acked(Duration()))
     image, _, unreadable = take_image(subscription.handle)
     assert image is None
     assert unreadable.startswith(reason)
@@ -294,6 +294,7 @@ def test_read_only_data_after_the_subscription(
             np.frombuffer(message.data, np.uint8)[0] = 1
 
 
+@pytest.mark.quick_cases(1)
 @READERS
 def test_memory_of_taken_messages(
         publisher: Publisher, subscription: Subscription, tell: Callable[[str], None],
@@ -318,7 +319,7 @@ def test_memory_of_unreadable_messages(
     sizes = []
     for number in range(120):
         publisher.publish(whole[:-5])
-        assert publisher.wait_for_all_acked(Duration(seconds=DEADLINE))
+        wait_until(lambda: publisher.wait_for_all_acked(Duration()))
         assert take_image(subscription.handle).unreadable
         if number >= 20:
             sizes.append(resident_bytes())

@@ -37,6 +37,7 @@ from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import VideoSettings
 import pytest
 from video_packets import draw, encoded, every_codec, packets
+from waiting import LONGEST_SECONDS
 
 AV1 = Path(__file__).parents[2] / 'data' / 'av1_160x120.json'
 # An SPS of H.264 with 16384x16384 pixels: Baseline, level 6.2, width and height ue(1023) + 1.
@@ -135,7 +136,7 @@ def test_huge_picture_takes_no_memory() -> None:
         'except VideoError as err: print(err)\n' + PRINT_PEAK_MEMORY)
     data = HUGE_SPS + bytes.fromhex('0000000168ce3c80 00000001658884') + bytes(range(1, 200))
     finished = subprocess.run([sys.executable, '-c', script, data.hex()], capture_output=True,
-                              text=True, timeout=60, check=True)
+                              text=True, timeout=LONGEST_SECONDS, check=True)
     error, peak = finished.stdout.splitlines()
     assert error == ('a h264 packet is too large: 16384x16384 pixels are more than '
                      'max_pixels=35651584')

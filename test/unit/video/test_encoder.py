@@ -158,6 +158,7 @@ def test_strided_images_are_not_modified() -> None:
     assert np.abs(VideoDecoder('h264').decode(packet.data).astype(int) - wide[:, ::2]).mean() < 2
 
 
+@pytest.mark.thorough
 @every_codec
 def test_small_bit_rate_makes_small_packets(codec: str) -> None:
     rng = np.random.default_rng(1)

@@ -57,6 +57,7 @@ def real_size(codec: str, data: bytes) -> tuple[int, int]:
     return frame.width, frame.height
 
 
+@pytest.mark.quick_cases(8)
 @every_codec
 @pytest.mark.parametrize('size', SIZES)
 def test_sizes_equal_those_of_ffmpeg(codec: str, size: tuple[int, int]) -> None:

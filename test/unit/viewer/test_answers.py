@@ -20,7 +20,6 @@ import asyncio
 import socket
 from typing import Any, cast
 
-from conftest import DEADLINE
 from opencv_tools import sending
 from opencv_tools.logs import Log
 from opencv_tools.viewer.access import Access
@@ -30,6 +29,7 @@ import pytest
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application
+from waiting import LONGEST_SECONDS, result_of
 
 _LARGE = 50_000_000  # bytes, more than the buffers of two sockets
 
@@ -67,10 +67,10 @@ def test_answer_that_is_not_read_ends(
         server.add_sockets([listening])
         with socket.socket() as unread:
             unread.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2048)
-            unread.settimeout(DEADLINE)
+            unread.settimeout(LONGEST_SECONDS)
             unread.connect(listening.getsockname())
             unread.sendall(b'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n')
-            await asyncio.wait_for(ended.wait(), DEADLINE)
+            await result_of(ended.wait())
             server.stop()
             await server.close_all_connections()
             return await asyncio.to_thread(_count_bytes, unread)

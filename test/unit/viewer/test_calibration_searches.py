@@ -55,6 +55,7 @@ def test_every_encoding_becomes_gray(encoding: str) -> None:
     assert (gray.shape, gray.dtype) == ((48, 64), np.uint8)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('encoding', 'convert'), [
     ('mono8', lambda gray: gray), ('bgr8', lambda gray: cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR)),
     ('mono16', lambda gray: gray.astype(np.uint16) * 3), ('bayer_rggb8', lambda gray: gray),
@@ -85,6 +86,7 @@ def test_image_that_is_not_searched(message: Any) -> None:
         search_fast(BoardFinder(BOARD), message)
 
 
+@pytest.mark.thorough
 def test_chessboard_in_a_large_image() -> None:
     board, camera = parse_board('chessboard:9x6:25mm'), wide_camera()
     picture = camera.see(board, poses(board, camera, 1, seed=4, is_whole=True)[0])

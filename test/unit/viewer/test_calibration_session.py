@@ -88,6 +88,7 @@ def test_session_without_board() -> None:
     assert json.loads(json.dumps(session_json(session), allow_nan=False))['views'] == []
 
 
+@pytest.mark.thorough
 def test_still_board_is_taken_once(session: Session) -> None:
     first = detections()[0]
     assert not session.look(first, 1.0)
@@ -166,6 +167,7 @@ def test_view_that_was_dropped_has_no_error(session: Session) -> None:
     assert found['result']['cells'][0][0] is None
 
 
+@pytest.mark.thorough
 def test_other_size_starts_anew(session: Session) -> None:
     fill(session)
     solved(session)
@@ -177,6 +179,7 @@ def test_other_size_starts_anew(session: Session) -> None:
                               'calibration starts anew')
 
 
+@pytest.mark.thorough
 def test_single_images_of_other_sizes_are_ignored(session: Session) -> None:
     fill(session)
     solved(session)
@@ -252,6 +255,7 @@ def test_solution_ends_the_capture(session: Session) -> None:
     assert len(session.numbers) > count
 
 
+@pytest.mark.thorough
 def test_thorough_search_says_why(session: Session) -> None:
     finder = session.finder
     assert finder

@@ -29,6 +29,7 @@ from opencv_tools.viewer.calibrate.files import camera_file
 from opencv_tools.viewer.calibrate.solver import Solver
 import pytest
 from rendered_boards import needs_markers, poses, wide_camera
+from waiting import pause_loop
 
 pytestmark = needs_markers
 
@@ -43,6 +44,7 @@ def views() -> list[Detection]:
         poses(BOARD, camera, 10, seed=4, is_whole=True))]
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_solution_of_a_process(views: list[Detection]) -> None:
     found, verdict = asyncio.run(Solver().solve(views, PLUMB_BOB))
@@ -63,7 +65,7 @@ def test_solution_that_is_ended(views: list[Detection]) -> None:
         solver = Solver()
         task = asyncio.ensure_future(solver.solve(views, PLUMB_BOB))
         while not solver.is_running:
-            await asyncio.sleep(0)
+            await pause_loop()
         solver.close()
         with pytest.raises(CalibrationError, match='the solution was ended'):
             await task

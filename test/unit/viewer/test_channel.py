@@ -21,6 +21,7 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import gc
+from threading import Barrier
 import weakref
 
 from console import Console
@@ -38,9 +39,10 @@ from opencv_tools.viewer.protocol import ViewOptions
 from opencv_tools.viewer.region import Region
 from opencv_tools.viewer.stream import Stream
 import pytest
+from waiting import due, LONGEST_SECONDS, pause_loop, until
 
+_THREADS = 2
 OPTIONS = ViewOptions(width=0, quality=80, rate=1000.0)
-DEADLINE = 60.0
 
 
 class Receiver:
@@ -64,24 +66,21 @@ def image(width: int = 640, height: int = 480) -> WireImage:
     return array_to_wire(np.full((height, width, 3), 90, np.uint8), find_encoding('bgr8'))
 
 
-async def until(condition: Callable[[], bool]) -> None:
-    deadline = asyncio.get_running_loop().time() + DEADLINE
-    while not condition():
-        assert asyncio.get_running_loop().time() < deadline
-        await asyncio.sleep(0.001)
-
-
-async def settled() -> None:
-    """Wait until the loop and the threads have nothing left to do."""
+async def settled(stream: Stream) -> None:
+    """Wait until the loop and the threads have done what they had to do, and what followed."""
     for _ in range(20):
-        await asyncio.sleep(0.005)
+        together = Barrier(_THREADS + 1)
+        for _ in range(_THREADS):  # none of them has other work left
+            stream._pool.submit(together.wait)
+        await asyncio.to_thread(together.wait)
+        await due()
 
 
 def run(work: Callable[[Stream, Console], Awaitable[None]]) -> None:
     """Run a test with a stream."""
     async def begin() -> None:
         log = Console()
-        with ThreadPoolExecutor(2) as pool:
+        with ThreadPoolExecutor(_THREADS) as pool:
             await work(Stream(7, ('/image', 'auto'), asyncio.get_running_loop(), pool, log), log)
 
     asyncio.run(begin())
@@ -94,7 +93,7 @@ def test_one_picture_is_unanswered_and_the_newest_follows() -> None:
             stream.feed.put(ReceivedMessage(image(), 0))
             await page.wait(1)
             assert stream.feed.frames == count
-        await settled()
+        await settled(stream)
         assert len(page.pictures) == 1
         assert not page.channel.answered(5)
         assert page.channel.answered(1)
@@ -164,7 +163,7 @@ def test_nothing_is_encoded_without_a_channel() -> None:
         page = Receiver(stream)
         page.channel.close()
         stream.feed.put(ReceivedMessage(image(), 0))
-        await settled()
+        await settled(stream)
         assert stream.encodings == 0
         assert not stream.watchers
 
@@ -177,7 +176,7 @@ def test_broken_images_are_counted_once() -> None:
         stream.feed.put(ReceivedMessage(WireCompressedImage(
             header=NO_HEADER, format='jpeg', data=b'\xff\xd8'), 0))
         await until(lambda: stream.broken == 1)
-        await settled()
+        await settled(stream)
         assert stream.broken == 1
         assert len(log.lines) == 1
         assert log.lines[0].startswith('warning: frame of /image left out: ')
@@ -214,7 +213,7 @@ def test_jpeg_is_encoded_again_when_the_link_is_slow(monkeypatch: pytest.MonkeyP
             stream.feed.put(ReceivedMessage(WireCompressedImage(
                 header=NO_HEADER, format='jpeg', data=jpeg), 0))
             kept.append((await page.wait(count)).is_kept)
-            await asyncio.sleep(0.005)
+            await pause_loop(0.005)
             page.channel.answered(count)
         assert kept == [True] * 6 + [False]
 
@@ -225,8 +224,8 @@ def test_jpeg_is_encoded_again_when_the_link_is_slow(monkeypatch: pytest.MonkeyP
 def test_next_frame_is_waited_for_only_so_long(seconds: float) -> None:
     async def work(stream: Stream, _: Console) -> None:
         assert await stream.next_frame(0, seconds) is None
-        waiting = asyncio.ensure_future(stream.next_frame(0, DEADLINE))
-        await settled()
+        waiting = asyncio.ensure_future(stream.next_frame(0, LONGEST_SECONDS))
+        await settled(stream)
         stream.feed.put(ReceivedMessage(image(), 5))
         frame = await waiting
         assert frame
@@ -276,13 +275,13 @@ def test_held_picture_gets_other_regions_but_no_other_frame() -> None:
         held = replace(looks, held=True)
         page.channel.set_options(held)
         stream.feed.put(ReceivedMessage(image(), 0))
-        await settled()
+        await settled(stream)
         assert len(page.pictures) == 1
         region = Region(x=10, y=20, width=30, height=40)
         page.channel.set_options(replace(held, region=region))
         assert (await page.wait(2)).region == region
         page.channel.answered(2)
-        await settled()
+        await settled(stream)
         assert [frame.number for frame, _ in page.pictures] == [1, 1]
         assert page.channel.status()['sent']['rate'] == 0  # no frame came twice
 
@@ -326,7 +325,7 @@ def test_few_regions_of_a_frame_are_kept() -> None:
             region = Region(x=x, y=0, width=64, height=64)
             pictures.append(weakref.ref(await stream.picture(
                 frame, PictureOptions(64, 80, region=region))))
-        await settled()
+        await settled(stream)
         gc.collect()
         assert 2 < sum(picture() is not None for picture in pictures) < 20
 

@@ -38,7 +38,7 @@ from opencv_tools.viewer.protocol import ViewOptions
 from opencv_tools.viewer.steps import Steps
 from opencv_tools.viewer.stream import Stream
 import pytest
-from viewing import until
+from waiting import due, pause_loop, until
 
 KEY, OTHER = ('/front', 'auto'), ('/rear', 'auto')
 SIZE = 30_000
@@ -192,7 +192,7 @@ def test_ten_seconds_before_the_newest_frame() -> None:
 
 
 def test_frames_are_forgotten_when_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(history_module, 'UNUSED_SECONDS', 0.01)
+    monkeypatch.setattr(history_module, 'UNUSED_SECONDS', 0.0)
 
     async def work() -> None:
         history = History(2**30)
@@ -201,11 +201,11 @@ def test_frames_are_forgotten_when_nobody_looks(monkeypatch: pytest.MonkeyPatch)
         hold = history.hold(KEY)
         history.unwatch(KEY)
         history.add(KEY, received(2))  # of a page that does not show the topic alone
-        await asyncio.sleep(0.05)
+        await due()
         assert numbers(history) == [1]
         history.release(hold)
         history.watch(KEY)  # the page is live again
-        await asyncio.sleep(0.05)
+        await due()
         assert numbers(history) == [1]
         history.unwatch(KEY)
         await until(lambda: not history.frames(KEY[0]))
@@ -267,7 +267,7 @@ def test_threads_may_add_while_the_loop_reads() -> None:
             history.release(hold)
             kept = numbers(history)
             assert kept == sorted(kept)
-            await asyncio.sleep(0)
+            await pause_loop()
         assert history.size == sum(
             message_size(one.image) for name in (KEY[0], OTHER[0])
             for one in history.frames(name))
@@ -378,10 +378,11 @@ def test_newest_of_the_steps_that_wait_counts() -> None:
         await page.show('/front', *range(1, 9))
         page.pause()
         page.is_answering = False
-        for by in (-1, -5, -6, -2):
-            page.steps.ask({'step': '/front', 'by': by})
-            await asyncio.sleep(0.05)
+        page.steps.ask({'step': '/front', 'by': -1})
         await until(lambda: len(page.pictures['/front']) == 9)
+        for by in (-5, -6, -2):
+            page.steps.ask({'step': '/front', 'by': by})
+            await due()
         page.is_answering = True
         page.channel('/front').answered(page._sequence)
         await until(lambda: len(page.answers) == 2)

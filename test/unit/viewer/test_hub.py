@@ -22,7 +22,6 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import Any
 
-from conftest import DEADLINE
 from opencv_tools.logs import Log
 from opencv_tools.viewer import hub as hub_module
 from opencv_tools.viewer.errors import RequestError
@@ -35,7 +34,7 @@ from opencv_tools.viewer.protocol import ViewOptions
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from viewing import until
+from waiting import due, result_of, until
 
 Run = Callable[[Callable[[Hub], Coroutine[Any, Any, None]]], None]
 
@@ -81,7 +80,7 @@ def run(node: Node) -> Run:
             with ThreadPoolExecutor(1) as pool:
                 hub = Hub(ViewerSettings(quality=70, width=800, rate=20.0),
                           FailingGraph(node, (), 'auto', log, None), calls, pool, log)
-                await asyncio.wait_for(work(hub), DEADLINE)
+                await result_of(work(hub))
 
         try:
             asyncio.run(begin())
@@ -112,8 +111,7 @@ def test_graph_that_cannot_be_read(run: Run) -> None:
             assert caught.value.status == 500
         viewer = RecordedViewer()
         hub.add_viewer(viewer)
-        while len(viewer.updates) < 2:
-            await asyncio.sleep(0.01)
+        await until(lambda: len(viewer.updates) >= 2, updates=lambda: len(viewer.updates))
         await hub.close()
         assert viewer.codes == [1001]
 
@@ -146,11 +144,11 @@ def test_stream_is_kept_for_a_page_that_comes_back(
         stream = await hub.acquire('/image')
         hub.release(stream)
         assert await hub.acquire('/image') is stream  # before the stream is closed
-        await asyncio.sleep(0.01)
+        await due()
         assert await hub.acquire('/image') is stream
         for _ in range(2):
             hub.release(stream)
-        await asyncio.sleep(0.01)
+        await due()
         other = await hub.acquire('/image')
         assert other is not stream
         subscriptions = hub._graph._open

@@ -37,7 +37,7 @@ from opencv_tools.viewer.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import ViewOptions
 from opencv_tools.viewer.stream import Stream
 import pytest
-from test_channel import until
+from waiting import pause_loop, until
 
 OPTIONS = ViewOptions(quality=80, rate=1000.0, looks=True)
 QUALITIES = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
@@ -104,7 +104,7 @@ def test_frame_waits_with_its_question() -> None:
         with page.busy():
             assert page.looks.ask({**HISTOGRAM, 'picture': first})
             assert page.looks.ask({**PIXEL, 'picture': first})
-            await asyncio.sleep(0)  # the histogram waits for the pool, the pixel for the histogram
+            await pause_loop()  # the histogram waits for the pool, the pixel for the histogram
             page.channel.shown.drawn(first + 1, None)  # the page draws the next picture
         assert (await page.answer(2))['text'] == '50'
         assert [next(iter(one)) for one in page.answers] == ['histogram', 'pixel']

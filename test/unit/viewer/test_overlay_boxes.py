@@ -86,6 +86,7 @@ def test_many_turns_are_few() -> None:
     assert box[4] == pytest.approx(0.5, abs=1e-3)
 
 
+@pytest.mark.thorough
 def test_boxes_with_the_highest_scores() -> None:
     boxes = read_boxes(memoryview(serialized([
         (number, 2, 3, 4, 0, 'a', NAN if number % 10 == 0 else number / 10_000)
@@ -95,6 +96,7 @@ def test_boxes_with_the_highest_scores() -> None:
     assert boxes.describe() == '500 of 10000 boxes, those with the highest scores'
 
 
+@pytest.mark.thorough
 def test_largest_number_of_boxes_is_within_the_largest_size() -> None:
     data = memoryview(serialized([CUP] * MAX_DETECTIONS, 5))
     assert read_header(data) == BoxHeader(5, '')

@@ -32,7 +32,7 @@ from opencv_tools.viewer.overlays.boxes import DETECTIONS, MAX_BYTES
 from opencv_tools.viewer.overlays.matching import MatchedFrames
 from opencv_tools.viewer.overlays.sources import BoxSource
 import pytest
-from viewing import until
+from waiting import until
 
 BOX = (10, 20, 30, 40, 0, 'cup', 0.5)
 

@@ -177,6 +177,7 @@ def test_jpeg_that_is_nearly_square(size: tuple[int, int], orientation: int) -> 
         assert (picture.source_size, picture.region.values) == (size, (0, 0, *size))
 
 
+@pytest.mark.quick_cases(12)
 @pytest.mark.parametrize('orientation', range(1, 9))
 @pytest.mark.parametrize(('region', 'width'), [
     (None, 100), (None, 480), ((0, 0, 1000, 1000), 300), ((1006, 1002, 604, 594), 70),

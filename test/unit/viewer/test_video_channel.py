@@ -38,7 +38,7 @@ from opencv_tools.viewer.video_channel import VideoChannel
 from opencv_tools.viewer.video_link import VideoLink
 from opencv_tools.viewer.video_source import PublishedVideo, VideoSource
 import pytest
-from viewing import until
+from waiting import pause_loop, until
 
 OPTIONS = ViewOptions(quality=80, rate=1000.0, video=True)
 
@@ -334,7 +334,7 @@ def test_nothing_is_encoded_while_all_pages_are_behind(monkeypatch: pytest.Monke
         await until(lambda: len(page.packets) == 1)
         for value in range(5):
             put_image(stream, value)
-            await asyncio.sleep(0)
+            await pause_loop()
         assert stream.encodings == 1
         page.answer()
         put_image(stream, 9)
