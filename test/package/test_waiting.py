@@ -102,6 +102,7 @@ def test_met_condition_needs_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_item_that_does_not_come(
         clock: SteppedClock, monkeypatch: pytest.MonkeyPatch) -> None:
     class Silent(Queue):
+
         def get(self, block: bool = True, timeout: float | None = None) -> object:
             assert timeout is not None
             clock.step_to(clock.now + timeout)
