@@ -59,7 +59,6 @@ PRINT_PEAK_MEMORY = ('import pathlib; print(pathlib.Path("/proc/self/status").re
 CLIP = Path(__file__).parent / 'data' / 'big_buck_bunny_720p.mp4'
 CLIP_FRAMES = 90
 EXAMPLES = Path(__file__).parent.parent / 'examples'
-DEADLINE = 120.0  # seconds that any wait may last, on the busiest machine
 
 #: Folders of tests that run only within a command of their own, and the variable that it sets.
 OWN_COMMAND = {'browser': 'OPENCV_TOOLS_BROWSER', 'camera': 'OPENCV_TOOLS_CAMERA_MACHINE',

@@ -131,7 +131,7 @@ class Camera:
         Wait for the viewer's subscription, publish a frame once, and wait until the page draws it.
 
         The tile of the topic must be the one that shows the number in its pixels. Fails after
-        ``DEADLINE`` seconds without a subscription or without the picture.
+        ten minutes without a subscription or without the picture.
         """
         self.wait_for_viewer()
         self.publish(number, stamp_ns)

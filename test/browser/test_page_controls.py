@@ -19,12 +19,13 @@ from collections.abc import Callable
 from pathlib import Path
 import signal
 
-from chromium import Browser, Page, wait_until
+from chromium import Browser, Page
 from conftest import call_service, NodeProcess, recorded_files, set_parameters
 from pages import Viewer
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
+from waiting import wait_until
 
 pytest_plugins = ['pages']
 

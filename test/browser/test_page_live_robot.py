@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from chromium import Browser, new_browser, Page, wait_until
+from chromium import Browser, new_browser, Page
 from live_robots import ROBOT, RobotNode
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import FrameId
@@ -32,6 +32,7 @@ import pytest
 from rclpy.node import Node
 from test_page_layout import check_contrast
 from test_page_robot import numbers, OPTIONS, rows, TOLERANCE
+from waiting import wait_until
 
 pytest_plugins = ['pages']
 

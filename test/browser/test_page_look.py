@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import json
 
-from chromium import Browser, Page, wait_until
+from chromium import Browser, Page
 from conftest import spin_until
 import cv2
 from images import oriented_jpeg, UPRIGHT
@@ -30,6 +30,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CompressedImage
 from test_page_layout import check_all
 from test_page_video import VideoCamera
+from waiting import wait_until
 
 pytest_plugins = ['pages']
 

@@ -20,7 +20,6 @@ from collections.abc import Callable
 import json
 from pathlib import Path
 import re
-import time
 from urllib.parse import parse_qsl
 
 from chromium import Browser, Page
@@ -35,6 +34,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo
 from test_page_layout import check_all, SIZES
 from test_page_look import drag, place_of, wheel
+from waiting import pause
 
 pytest_plugins = ['pages']
 
@@ -231,11 +231,11 @@ def test_boxes_before_and_after_their_picture(
         images.publish(number, STAMP + number)
         if number > 3:
             detector.publish(STAMP + number - 3, [(50, 50, 20, 20, 0, str(number - 3), 1)])
-        time.sleep(0.03)
+        pause(0.03)
     pairs = page.evaluate('pairs')
     assert [shown for shown, _ in pairs] == [drawn for _, drawn in pairs]
     detector.publish(STAMP + 9999, [RED])  # before its picture
-    time.sleep(0.1)
+    pause(0.1)
     images.publish(9999, STAMP + 9999)
     page.wait_for(f'numberOf({TOPIC!r}) === 9999 && {LABELS}.join() === "cup 0.90"')
     page.wait_for(f'{NOTE} === "1 box"')

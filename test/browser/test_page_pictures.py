@@ -22,7 +22,7 @@ from pathlib import Path
 import time
 from urllib.request import urlopen
 
-from chromium import Browser, Page, wait_until
+from chromium import Browser, Page
 import cv2
 import numpy as np
 from pages import Camera, numbered_frame, Viewer
@@ -33,6 +33,7 @@ from sending import NANO
 from sensor_msgs.msg import CompressedImage, Image
 from stereo_msgs.msg import DisparityImage
 from test_page_layout import check_all
+from waiting import LONGEST_SECONDS, wait_until
 
 pytest_plugins = ['pages']
 
@@ -89,7 +90,7 @@ def test_eight_topics_on_one_socket(viewer: Viewer, browser: Browser, camera: No
         one.show(page, 100 + number)
     assert [page.evaluate(f'numberOf({one.topic!r})') for one in cameras] == [*range(100, 108)]
     assert page.evaluate('sockets.length') == 1
-    with urlopen(f'{viewer.url}topics', timeout=60) as answer:
+    with urlopen(f'{viewer.url}topics', timeout=LONGEST_SECONDS) as answer:
         assert [topic['name'] for topic in json.load(answer)['topics']] == [
             one.topic for one in cameras]
 

@@ -22,7 +22,7 @@ from contextlib import closing
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-from chromium import Browser, Page, wait_until
+from chromium import Browser, Page
 from conftest import recorded_files
 import numpy as np
 from opencv_tools.bags.bag import Bag
@@ -32,6 +32,7 @@ from pages import Camera, numbered_frame, Viewer
 import pytest
 from rclpy.node import Node
 from test_page_layout import check_all
+from waiting import wait_until
 
 pytest_plugins = ['pages']
 

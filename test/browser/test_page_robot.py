@@ -44,6 +44,7 @@ from opencv_tools.robot.view.single_file import html_page
 from opencv_tools.robot.xml.report import Report
 import pytest
 from test_page_layout import check_contrast
+from waiting import communicate
 
 ROOT = Path(__file__).parents[2]
 ROBOTS = sorted(path for path in (ROOT / 'test' / 'data' / 'robots').glob('*/[otw]*_*df*')
@@ -768,4 +769,4 @@ def test_page_of_the_server_after_a_change(browser: Browser, tmp_path: Path) -> 
         assert page.complaints() == []
     finally:
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=120)
+        communicate(process)

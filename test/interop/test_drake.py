@@ -30,6 +30,7 @@ from opencv_tools.robot.model import FrameId, Link
 from opencv_tools.robot.pose import rotated_tensor
 from opencv_tools.robot.xml.report import Report
 import pytest
+from waiting import LONGEST_SECONDS
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).with_name('drake_inertials.py')
@@ -85,7 +86,7 @@ def test_computed_inertials_are_those_of_drake(
         paths.append(tmp_path / f'{seed}.sdf')
         paths[-1].write_text(robot(seed))
     finished = subprocess.run([drake, str(SCRIPT), *map(str, paths)], capture_output=True,
-                              text=True, timeout=300, check=False)
+                              text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     drakes = json.loads(finished.stdout)
     largest, count = 0.0, 0

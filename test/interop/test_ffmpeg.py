@@ -37,10 +37,10 @@ from opencv_tools.video.messages import cdr_to_video, COMPRESSED_VIDEO, FFMPEG_P
 import pytest
 from rclpy.node import Node
 from video_packets import every_codec, packets
+from waiting import LONGEST_SECONDS
 
 Start = Callable[..., NodeProcess]
 SCHEMAS = Path(__file__).with_name('published_schema.mjs')
-TIMEOUT = 60.0  # seconds that a program of FFmpeg may last
 COUNT = 30
 SIZE = 160, 120
 MUXED = {'h264': 'h264', 'h265': 'hevc'}
@@ -67,7 +67,7 @@ class Encoded(NamedTuple):
 def run(*command: object, given: bytes = b'') -> str:
     """Run a program that reports no error, and return its output."""
     finished = subprocess.run([str(word) for word in command], input=given, capture_output=True,
-                              timeout=TIMEOUT, check=False)
+                              timeout=LONGEST_SECONDS, check=False)
     assert (finished.returncode, finished.stderr.decode()) == (0, '')
     return finished.stdout.decode()
 

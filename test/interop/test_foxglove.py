@@ -28,6 +28,7 @@ from opencv_tools.bags.finishing import finish_bag
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 import pytest
+from waiting import LONGEST_SECONDS
 
 SCRIPT = Path(__file__).with_name('read_bag.mjs')
 CHANNELS = (BagChannel(topic='/video_frames', type_name=IMAGE),
@@ -41,7 +42,7 @@ def read(path: Path, way: str) -> list[Any]:
     if not modules:
         pytest.skip('npm is missing: sudo apt install npm')
     finished = subprocess.run(['node', str(SCRIPT), modules, str(path), way],
-                              capture_output=True, text=True, timeout=60, check=True)
+                              capture_output=True, text=True, timeout=LONGEST_SECONDS, check=True)
     return list(map(json.loads, finished.stdout.splitlines()))
 
 

@@ -40,6 +40,7 @@ from opencv_tools.robot.xml.numbers import UNLIMITED
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
+from waiting import communicate, LONGEST_SECONDS
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / 'test' / 'data' / 'robots'
@@ -155,7 +156,7 @@ def run_libsdformat(files: Sequence[Path]) -> dict[str, dict[str, Any]]:
                          stdout=subprocess.PIPE) for number in range(cores)]
     results: dict[str, dict[str, Any]] = {}
     for process in processes:
-        results.update(json.loads(process.communicate(timeout=300)[0]))
+        results.update(json.loads(communicate(process)[0]))
         assert process.returncode == 0
     return results
 
@@ -319,14 +320,15 @@ def test_command_and_library_agree(written: Mapping[Path, Written],
 
 def check_urdf(path: Path) -> subprocess.CompletedProcess[str]:
     """Run the command of urdfdom."""
-    return subprocess.run(['check_urdf', str(path)], capture_output=True, text=True, timeout=30,
+    return subprocess.run(['check_urdf', str(path)], capture_output=True, text=True,
+                          timeout=LONGEST_SECONDS,
                           check=False)
 
 
 def ign_check(path: Path) -> subprocess.CompletedProcess[str]:
     """Run the command of Gazebo."""
     return subprocess.run(['ign', 'sdf', '-k', str(path)], capture_output=True, text=True,
-                          timeout=60, check=False)
+                          timeout=LONGEST_SECONDS, check=False)
 
 
 def compare(robot: Robot, result: Mapping[str, Any]) -> tuple[int, float]:

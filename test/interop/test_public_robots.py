@@ -44,6 +44,7 @@ import public_sdf
 import public_urdf
 import pytest
 from resolved_poses import flat, poses_of_sdf, poses_of_urdf, ResolvedPoses, root_link
+from waiting import communicate, LONGEST_SECONDS
 
 EXAMPLES = int(os.environ.get('OPENCV_TOOLS_EXAMPLES', '100'))
 PROPERTY = settings(max_examples=EXAMPLES, deadline=None, derandomize=True,
@@ -81,7 +82,7 @@ class LibSdformat:
 
     def close(self) -> None:
         """End the process."""
-        self._process.communicate(timeout=60)
+        communicate(self._process)
 
 
 @pytest.fixture(scope='module')
@@ -113,7 +114,8 @@ class Workspace:
 
     def urdf(self, path: Path) -> bool:
         """Return whether urdfdom reads a file."""
-        finished = subprocess.run(['check_urdf', str(path)], capture_output=True, timeout=30,
+        finished = subprocess.run(['check_urdf', str(path)], capture_output=True,
+                                  timeout=LONGEST_SECONDS,
                                   check=False)
         return b'Successfully Parsed XML' in finished.stdout
 

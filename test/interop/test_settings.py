@@ -25,6 +25,7 @@ import xml.etree.ElementTree as ET
 
 from opencv_tools.robot.cli import urdf_to_sdf
 import pytest
+from waiting import LONGEST_SECONDS
 
 LINK = ('mu1', 'mu2', 'fdir1', 'kp', 'kd', 'minDepth', 'maxVel', 'maxContacts', 'laserRetro',
         'selfCollide', 'turnGravityOff', 'dampingFactor')
@@ -123,7 +124,7 @@ def test_settings_are_those_of_gazebo(
         path = tmp_path / f'{seed}.urdf'
         path.write_text(robot(seed, is_public))
         gazebo = subprocess.run(['ign', 'sdf', '-p', str(path)], capture_output=True, text=True,
-                                timeout=60, check=True).stdout
+                                timeout=LONGEST_SECONDS, check=True).stdout
         assert urdf_to_sdf([str(path), '--sdf-version', '1.9']) == 0
         ours = settings(capsys.readouterr().out)
         assert ours == expected(settings(gazebo), ours), path.read_text()

@@ -28,22 +28,20 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import uuid
 
-from child_processes import wait_until
 from dataset_bags import Drive
 from opencv_tools.datasets.cli import main
 import pytest
 from ray._private.node import Node
 from ray.cluster_utils import Cluster
+from waiting import communicate, wait_until
 
 MAIN = 'import sys; from opencv_tools.commands import img_convert; sys.exit(img_convert())'
 OPTIONS = ('--format', 'lerobot', '--fps', '30', '--image', 'front=/cam0/image_raw/compressed',
            '--state', '/joint_states.position', '--action', 'next', '--task', 'pick')
 NODE = {'num_cpus': 1, 'object_store_memory': 80_000_000, 'memory': 2_000_000_000}
 MARK = 'OPENCV_TOOLS_RAY_COMMAND'  # variable of all processes that a command starts
-SECONDS = 60.0
 BAGS = 12
 
 
@@ -98,7 +96,7 @@ class Command:
 
     def wait(self) -> tuple[int, str]:
         """Wait for the end; return the exit status and the lines with errors."""
-        output, errors = self._process.communicate(timeout=SECONDS)
+        output, errors = communicate(self._process)
         self.output = output + errors
         assert 'Traceback' not in self.output, self.output
         return self._process.returncode, ''.join(
@@ -159,8 +157,8 @@ def parent(pid: int) -> int:
 def kill_worker(target: Path) -> str:
     """Kill a process in the middle of a part; return the name of its unfinished folder."""
     folder = target.with_name(f'.{target.name}.parts')
-    end = time.monotonic() + SECONDS
-    while time.monotonic() < end:
+
+    def find_and_kill() -> str:
         for pid in workers_within(target):
             with suppress(OSError):
                 os.kill(pid, signal.SIGSTOP)  # so that it is still there when it is killed
@@ -169,8 +167,9 @@ def kill_worker(target: Path) -> str:
                 os.kill(pid, signal.SIGKILL)
                 if work:
                     return work[0]
-        time.sleep(0.001)
-    pytest.fail('no process was writing a part')
+        return ''
+
+    return wait_until(find_and_kill, 'a process that writes a part')
 
 
 def check(folder: Path, episodes: int, capsys: pytest.CaptureFixture[str]) -> None:
@@ -187,10 +186,10 @@ def test_lost_worker_and_lost_node(cluster: Cluster, bags: Path, expected: dict[
     lost, = add_nodes(cluster, 1)
     raylet = lost.all_processes['raylet'][0].process.pid
     command = Command(bags, target, '--ray', cluster.address)
-    wait_until(lambda: len(parts(target)) >= 1, 'the first part', SECONDS)
+    wait_until(lambda: len(parts(target)) >= 1, 'the first part')
     assert kill_worker(target).startswith('.bag_')
     wait_until(lambda: any(parent(pid) == raylet for pid in workers_within(target)),
-               'a part that the node writes', SECONDS)
+               'a part that the node writes')
     cluster.remove_node(lost, allow_graceful=False)
     assert len(parts(target)) < BAGS
     assert command.wait() == (0, ''), command.output
@@ -245,12 +244,12 @@ def test_broken_bag(cluster: Cluster, bags: Path, tmp_path: Path,
 def test_interrupted_on_a_cluster(cluster: Cluster, bags: Path, tmp_path: Path) -> None:
     target = tmp_path / 'set'
     command = Command(bags, target, '--ray', cluster.address)
-    wait_until(lambda: bool(workers_within(target)), 'a part that is written', SECONDS)
+    wait_until(lambda: bool(workers_within(target)), 'a part that is written')
     command.send(signal.SIGINT)
     assert command.wait() == (1, 'img_convert: interrupted\n'), command.output
     assert not target.exists()
     wait_until(lambda: not command.processes() and not workers_within(target),
-               'the end of all processes', SECONDS)
+               'the end of all processes')
 
 
 def test_too_little_memory(cluster: Cluster, bags: Path, tmp_path: Path) -> None:
@@ -264,17 +263,17 @@ def test_local_cluster(bags: Path, expected: dict[str, str], tmp_path: Path) -> 
     """A cluster of this machine ends with the command, also if a signal ends it."""
     target = tmp_path / 'set'
     command = Command(bags, target, '--ray', 'local')
-    wait_until(lambda: bool(parts(target)), 'the first part', SECONDS)
+    wait_until(lambda: bool(parts(target)), 'the first part')
     command.send(signal.SIGTERM)  # which Ray has a handler of its own for
     assert command.wait() == (1, 'img_convert: interrupted\n'), command.output
     assert not target.exists()
-    wait_until(lambda: not command.processes(), 'the end of all processes', SECONDS)
+    wait_until(lambda: not command.processes(), 'the end of all processes')
 
     again = Command(bags, target, '--ray', 'local')
     assert again.wait() == (0, ''), again.output
     assert 'bags are converted already' in again.output
     assert contents(target) == expected
-    wait_until(lambda: not again.processes(), 'the end of all processes', SECONDS)
+    wait_until(lambda: not again.processes(), 'the end of all processes')
 
 
 @pytest.mark.parametrize('address', ['127.0.0.1:{port}', 'ray://127.0.0.1:{port}', 'nowhere'])

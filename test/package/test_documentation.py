@@ -39,7 +39,7 @@ import shutil
 import subprocess
 import sys
 
-from conftest import DEADLINE, executable
+from conftest import executable
 from documentation import (
     Block, matches, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
 from documentation_runs import copy_project, run
@@ -47,6 +47,7 @@ from documented_commands import check_command, check_span, PARAMETERS
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.nodes.parameters import describe_parameters
 import pytest
+from waiting import LONGEST_SECONDS
 
 TEXTS = (*PAGES, *map(Path, ('CONTRIBUTING.md', 'RELEASING.md', 'SECURITY.md')))
 BLOCKS = [block for page in PAGES for block in read_blocks(page)]
@@ -60,6 +61,7 @@ IN_DESTRUCTOR_OF_RCLPY = re.compile(
 # Runs the blocks of a page, so that a traceback names the line of the page.
 DRIVER = """
 import json, sys
+
 namespace = {'__name__': '__main__'}
 for page, line, code in json.loads(sys.argv[1]):
     exec(compile('\\n' * line + code, page, 'exec'), namespace)
@@ -154,7 +156,7 @@ def test_systemd_unit(block: Block, tmp_path: Path) -> None:
         program[0], f'ExecStart={executable(program[1])}{program[2]}'))
     finished = subprocess.run(
         ['systemd-analyze', 'verify', '--man=no', unit], capture_output=True, text=True,
-        timeout=DEADLINE, check=False)
+        timeout=LONGEST_SECONDS, check=False)
     assert (finished.returncode, finished.stderr) == (0, '')
 
 

@@ -27,6 +27,7 @@ import xml.etree.ElementTree as ElementTree
 from ament_index_python.packages import get_package_share_directory
 from conftest import NodeProcess
 import pytest
+from waiting import LONGEST_SECONDS
 import yaml
 
 
@@ -51,7 +52,7 @@ def test_executables_stand_beside_python(name: str) -> None:
     if not Path(sys.prefix, 'installed').exists():
         pytest.skip('this python is none that make has set up; ros2 run finds the executables')
     finished = subprocess.run([Path(sys.executable).parent / name, '--help'],
-                              capture_output=True, text=True, timeout=60, check=False)
+                              capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert finished.stdout.startswith(f'usage: {name} ')
 
@@ -63,7 +64,7 @@ def test_executables_of_the_nodes_run(prefix: Path, tmp_path: Path) -> None:
         assert os.access(path, os.X_OK)
     finished = subprocess.run(
         [folder / 'img_publisher', '--ros-args', '-p', 'source:=pattern', '-p', 'max_frames:=2'],
-        cwd=tmp_path, capture_output=True, text=True, timeout=30, check=False)
+        cwd=tmp_path, capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert 'Publishing video frame' in finished.stderr
 
@@ -79,7 +80,8 @@ def test_executables_for_robots_run(prefix: Path, share: Path,
             ('robot_compare', tmp_path / 'xacro.sdf', sdf),
             ('robot_frames', tmp_path / 'my_robot.urdf')):
         finished = subprocess.run([prefix / 'lib' / 'opencv_tools' / command, *arguments],
-                                  capture_output=True, text=True, timeout=30, check=False)
+                                  capture_output=True, text=True,
+                                  timeout=LONGEST_SECONDS, check=False)
         assert finished.returncode == 0, (command, finished.stdout, finished.stderr)
         assert 'Traceback' not in finished.stderr
     assert 'base_footprint' in finished.stdout
@@ -129,7 +131,7 @@ def test_config_files_have_valid_parameters(
 def test_robot_commands_run_as_a_module(command: str) -> None:
     finished = subprocess.run(
         [sys.executable, '-m', 'opencv_tools.robot.cli', command, '--help'],
-        capture_output=True, text=True, timeout=30, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert finished.stdout.startswith(f'usage: {command} ')
 
@@ -138,7 +140,7 @@ def test_robot_commands_run_as_a_module(command: str) -> None:
 @pytest.mark.parametrize('module', ['basic_image_publisher', 'basic_image_subscriber'])
 def test_nodes_run_as_modules(module: str) -> None:
     finished = subprocess.run([sys.executable, '-m', f'opencv_tools.{module}', '--help'],
-                              capture_output=True, text=True, timeout=30, check=False)
+                              capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert 'parameters, with type' in finished.stdout
 

@@ -23,6 +23,7 @@ import sys
 
 import opencv_tools
 import pytest
+from waiting import LONGEST_SECONDS
 
 ROOT = Path(opencv_tools.__file__).parent
 MODULES = sorted(
@@ -235,7 +236,8 @@ def test_pure_modules_without_ros_and_opencv(room: str) -> None:
               '        if name.startswith("opencv_tools"): del sys.modules[name]\n'
               '    importlib.import_module(module)\n')
     finished = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, timeout=30, check=False)
+        [sys.executable, '-c', script], capture_output=True, text=True,
+        timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
 
 
@@ -245,7 +247,8 @@ def test_imports_without_optional_libraries() -> None:
               'sys.modules.update(dict.fromkeys(("av", "lz4", "mcap", "zstandard")))\n'
               f'for module in {MODULES}: importlib.import_module(module)\n')
     finished = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, timeout=60, check=False)
+        [sys.executable, '-c', script], capture_output=True, text=True,
+        timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
 
 
@@ -255,7 +258,7 @@ def test_img_convert_without_ros(tmp_path: Path) -> None:
               'from opencv_tools.convert.cli import main\n'
               'sys.exit(main(["pattern:64x48", sys.argv[1], "--stop", "3"]))')
     finished = subprocess.run([sys.executable, '-c', script, tmp_path / '{seq}.png'],
-                              capture_output=True, text=True, timeout=30, check=False)
+                              capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert len(list(tmp_path.glob('*.png'))) == 3
 
@@ -268,7 +271,7 @@ def test_conversion_without_optional_modules() -> None:
                'sys.exit(urdf_to_sdf(["-", "--report", "/dev/null"]))')
     finished = subprocess.run(
         [sys.executable, '-c', blocked], input='<robot name="a"><link name="b"/></robot>',
-        capture_output=True, text=True, timeout=30, check=False)
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
     assert '<link name="b"' in finished.stdout
 
@@ -278,7 +281,8 @@ def test_cv_bridge_imports_no_opencv_and_no_rclpy() -> None:
     blocked = ('import sys; sys.modules.update(cv2=None); import opencv_tools.cv_bridge; '
                'assert "rclpy" not in sys.modules')
     finished = subprocess.run(
-        [sys.executable, '-c', blocked], capture_output=True, text=True, timeout=30, check=False)
+        [sys.executable, '-c', blocked], capture_output=True, text=True,
+        timeout=LONGEST_SECONDS, check=False)
     assert finished.returncode == 0, finished.stderr
 
 
@@ -291,5 +295,6 @@ def test_cv_bridge_error_without_opencv() -> None:
               'try: bridge.cv2_to_compressed_imgmsg(image)\n'
               'except CvBridgeError as err: print(err)')
     finished = subprocess.run(
-        [sys.executable, '-c', script], capture_output=True, text=True, timeout=30, check=True)
+        [sys.executable, '-c', script], capture_output=True, text=True,
+        timeout=LONGEST_SECONDS, check=True)
     assert finished.stdout.startswith('compressed images and colormaps need OpenCV')

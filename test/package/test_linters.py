@@ -27,6 +27,7 @@ import xml.etree.ElementTree as ElementTree
 
 from catkin_pkg.package import parse_package
 import pytest
+from waiting import LONGEST_SECONDS
 
 ROOT = Path(__file__).parents[2]
 # What package.xml may depend on. Each key was looked up in ros/rosdistro of 2026-08-22 and has an
@@ -47,7 +48,8 @@ CODE = ('opencv_tools', 'test', 'launch', 'examples', 'benchmarks', 'docs', 'set
 
 def check(*command: str) -> None:
     """Run a checker from the root of the package; it has to find nothing."""
-    finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300,
+    finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True,
+                              timeout=LONGEST_SECONDS,
                               check=False)
     if finished.returncode:
         pytest.fail(findings(finished.stdout + finished.stderr), pytrace=False)

@@ -12,11 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Waits of the tests."""
+"""Waits of the tests, and a lint that there are no others."""
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
 from queue import Queue
 import subprocess
 import sys
@@ -27,6 +30,7 @@ from stepped_clock import BEGAN, SteppedClock
 import waiting
 from waiting import wait_until, work, work_of
 
+TESTS = Path(__file__).parents[1]
 #: Python that starts a process, which computes for each line of its input.
 GRANDPARENT = """
 import subprocess, sys
@@ -41,6 +45,16 @@ for line in sys.stdin:
 '''
 sys.exit(subprocess.run([sys.executable, '-c', child]).returncode)
 """
+
+
+def test_bare_sleeps_and_fixed_deadlines() -> None:
+    found = [f'{path.relative_to(TESTS)}:{node.lineno}'
+             for path in TESTS.rglob('*.py') if path.name != 'waiting.py'
+             for node in ast.walk(ast.parse(path.read_text()))
+             if getattr(node, 'id', '') == 'DEADLINE' or (
+                 isinstance(node, ast.Call) and 'sleep' in (
+                     getattr(node.func, 'id', ''), getattr(node.func, 'attr', '')))]
+    assert found == []  # a wait is one of support/waiting.py
 
 
 @pytest.fixture
@@ -88,6 +102,7 @@ def test_met_condition_needs_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_item_that_does_not_come(
         clock: SteppedClock, monkeypatch: pytest.MonkeyPatch) -> None:
     class Silent(Queue):
+
         def get(self, block: bool = True, timeout: float | None = None) -> object:
             assert timeout is not None
             clock.step_to(clock.now + timeout)
@@ -100,7 +115,7 @@ def test_item_that_does_not_come(
 def test_result_that_does_not_come(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(waiting, 'STILL_SECONDS', 0.0)
     monkeypatch.setattr(waiting, '_LOOK_SECONDS', 0.01)
-    with pytest.raises(AssertionError, match='an answer did not come .*: bytes = 3'):
+    with pytest.raises(AssertionError, match=r'an answer did not come .*: bytes = 3'):
         waiting.asyncio.run(waiting.result_of(
             waiting.asyncio.Event().wait(), 'an answer', bytes=lambda: 3))
 
@@ -131,7 +146,7 @@ def computing_thread() -> Iterator[Callable[[], None]]:
 def stands_still(counter: Callable[[], int]) -> bool:
     """Return whether a counter is the same at two of a hundred looks in a row."""
     counts = [counter() for _ in range(100)]
-    return any(first == second for first, second in zip(counts, counts[1:]))
+    return any(first == second for first, second in pairwise(counts))
 
 
 def test_work_of_another_thread(computing_thread: Callable[[], None]) -> None:

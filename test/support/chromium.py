@@ -230,5 +230,3 @@ def new_browser(
             yield browser
         finally:
             browser.close()
-
-

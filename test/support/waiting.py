@@ -150,7 +150,7 @@ async def until(condition: Callable[[], _T], name: str = 'the condition',
 
 
 async def result_of(awaited: Awaitable[_T], name: str = 'the result',
-               **counters: Callable[[], object]) -> _T:
+                    **counters: Callable[[], object]) -> _T:
     """Wait in an event loop for a result; see `Watch`."""
     watch = Watch(name, counters)
     task = asyncio.ensure_future(awaited)

@@ -190,8 +190,9 @@ def test_page_faults_of_reused_frames(tell: Callable[[str], None]) -> None:
     def faults(transport: str) -> float:
         finished = subprocess.run(
             [sys.executable, '-c', COUNT_PAGE_FAULTS], check=True, capture_output=True, text=True,
-            timeout=LONGEST_SECONDS, env={**os.environ, 'OPENCV_TOOLS_TRANSPORT': transport,
-                             'NUMPY_MADVISE_HUGEPAGE': '0'})
+            timeout=LONGEST_SECONDS,
+            env={**os.environ, 'OPENCV_TOOLS_TRANSPORT': transport,
+                 'NUMPY_MADVISE_HUGEPAGE': '0'})
         return float(finished.stdout)
 
     kept, returned = faults(''), faults('default')
