@@ -63,10 +63,6 @@ PUBLISHER = {
         "be read: write '#' as %23 in the user name and the password"),
     'an empty list': (BAD_USAGE, {'topics': '[]'}, 'parameter topics is an empty list, which has '
                       'no type in ROS: leave it out'),
-    'a password that no URL can have': (
-        BAD_USAGE, {'source': 'rtsp://me:a#b@host/x'},
-        "parameter source is 'rtsp://***@host/x': in the user and the password write # / ? : [ ] "
-        '% as %23'),
     'no source': (BAD_USAGE, {'source': "''"}, "parameter source is '': give a camera"),
     'a wrong pattern': (BAD_USAGE, {'source': 'pattern:big'}, 'for example pattern:640x480@30'),
     'unknown encoding': (BAD_USAGE, {'source': 'pattern', 'encoding': 'bgr9'},

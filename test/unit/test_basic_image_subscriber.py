@@ -36,7 +36,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
-from waiting import join, wait_until
+from waiting import join, LONGEST_SECONDS, wait_until
 
 TOPIC = '/video_frames'
 IMAGE = Image(height=1, width=1, encoding='mono8', step=1, data=[1])
@@ -99,10 +99,8 @@ def test_steps_of_a_received_message(
 
 
 def spin_until_done(subscriber: ImageSubscriber, executor: SingleThreadedExecutor) -> None:
-    deadline = time.monotonic() + DEADLINE
-    while not subscriber.done.done():
-        assert time.monotonic() < deadline, 'the recording did not end'
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(subscriber.done.done, 'the end of the recording',
+               partial(executor.spin_once, timeout_sec=0.05))
 
 
 def test_dropped_frames_count_for_max_frames(
@@ -112,7 +110,7 @@ def test_dropped_frames_count_for_max_frames(
 
     def wait(*arguments: object) -> object:
         has_begun.set()
-        assert may_write.wait(DEADLINE)
+        assert may_write.wait(LONGEST_SECONDS)
         return prepare(*arguments)
 
     monkeypatch.setattr(ImageSink, 'prepare', wait)
@@ -120,10 +118,7 @@ def test_dropped_frames_count_for_max_frames(
     subscriber, executor = create(max_frames=6, queue_size=2, writers=1)
     wait_until_matched(publisher, subscriber)
     publisher.publish(IMAGE)
-    deadline = time.monotonic() + DEADLINE
-    while not has_begun.is_set():
-        assert time.monotonic() < deadline, 'no frame was received'
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(has_begun.is_set, 'the first frame', partial(executor.spin_once, timeout_sec=0.05))
     for _ in range(5):  # of which the queue keeps two
         publisher.publish(IMAGE)
     spin_until_done(subscriber, executor)

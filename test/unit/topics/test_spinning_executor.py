@@ -22,7 +22,6 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any, Protocol
 
-from conftest import DEADLINE
 import numpy as np
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscriber
@@ -37,6 +36,7 @@ import pytest
 import rclpy
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from waiting import LONGEST_SECONDS
 
 TOPIC = 'video_frames'
 TIMES = 300
@@ -126,7 +126,7 @@ class Spinning:
         """Check that the executor still runs callbacks."""
         is_run = Event()
         self.executor.create_task(is_run.set)
-        is_run.wait(0.0 if self.errors else DEADLINE)
+        is_run.wait(0.0 if self.errors else LONGEST_SECONDS)
         assert self.errors == []
         assert is_run.is_set()
 
@@ -224,12 +224,12 @@ def test_destruction_during_a_call(
         is_destroyed.set()
 
     subscriber = FrameSubscriber(spinning.node, TOPIC, receive)
-    assert is_called.wait(DEADLINE)
+    assert is_called.wait(LONGEST_SECONDS)
     if kind == 'callback':
         spinning.executor.create_task(destroy)
     else:
         destroy()
-    assert is_destroyed.wait(DEADLINE)
+    assert is_destroyed.wait(LONGEST_SECONDS)
     calls = len(ends)
     spinning.check()
     assert ends == [*[False] * (calls - 1), True]
