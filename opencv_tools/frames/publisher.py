@@ -142,12 +142,12 @@ class FramePublisher:
     ) -> None:
         header = self._header_of(source)
         video = self._topics.video
-        if slot and (self._topics.compressed.count_subscribers()
+        if slot and (self._topics.count_compressed()
                      or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
         if slot is None:
-            self._topics.compressed.publish(
+            self._topics.publish_compressed(
                 '' if _has_png(encoding) else f'{encoding.name} images have no JPEG and no PNG',
                 lambda: self._compress(image, encoding, header))
             if video:

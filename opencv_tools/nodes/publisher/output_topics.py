@@ -132,7 +132,7 @@ class OutputTopics:
         """Remove the publishers."""
         video = self.frames.video
         self._backlog.forget([
-            self.frames.images, self._infos, *filter(None, [self.frames.compressed.publisher]),
+            self.frames.images, self._infos, *filter(None, [self.frames.compressed]),
             *(video.publishers.values() if video else ())])
         self.frames.destroy()
         self._node.destroy_publisher(self._infos)
@@ -152,7 +152,7 @@ class OutputTopics:
         return True
 
     def _publish_compressed(self, output: OutputImage, header: WireHeader) -> bool:
-        publisher = self.frames.compressed.publish(
+        publisher = self.frames.publish_compressed(
             output.reason_against_jpeg, lambda: compressed_message(output, header))
         if publisher:
             self._backlog.add(publisher)

@@ -38,11 +38,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-#: Lends shared memory for a number of bytes, if it has readers.
-Lend = Callable[[int], Slot | None]
-#: Creates an image message, and returns the lent memory that has its pixels.
-Make = Callable[[Lend], tuple[WireImage, Slot | None]]
-
 # Frames for which /dev/shm must have room; with less, subscribers return to the image topic.
 _SPARE_FRAMES = 2
 _CHECK_SECONDS = 1.0

@@ -21,7 +21,7 @@ from images import random_image
 import numpy as np
 from opencv_tools.frames import FramePublisher, FrameSubscriber
 from opencv_tools.frames.frame import Frame
-from opencv_tools.topics import compressed_topic
+from opencv_tools.topics import frame_topics
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
@@ -36,7 +36,7 @@ LOANS = ['yuv422', 'yuv422_yuy2', 'nv12', 'nv24', 'bayer_gbrg16', 'rgb8', '32FC7
 
 @pytest.fixture(autouse=True)
 def _quick_return(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compressed_topic, '_RETURN_SECONDS', 0)
+    monkeypatch.setattr(frame_topics, '_RETURN_SECONDS', 0)
 
 
 def test_every_array_for_every_kind_of_reader(node: Node, camera: Node) -> None:
@@ -53,7 +53,7 @@ def test_every_array_for_every_kind_of_reader(node: Node, camera: Node) -> None:
 
     def warm_up() -> bool:
         publisher.publish(random_image('bgr8', 4, 6), Header(frame_id='first'))
-        return is_received('first') and publisher._topics.compressed.count_subscribers() == 2
+        return is_received('first') and publisher._topics.count_compressed() == 2
 
     spin_until(node, warm_up)
     sent = []
@@ -64,7 +64,7 @@ def test_every_array_for_every_kind_of_reader(node: Node, camera: Node) -> None:
                 loan.image[:] = image
         else:
             publisher.publish(image, Header(frame_id=encoding))
-            assert (publisher._topics.compressed.publisher is not None) == (encoding in WITH_FORM)
+            assert (publisher._topics.compressed is not None) == (encoding in WITH_FORM)
         sent.append(image)
         spin_until(node, lambda encoding=encoding: is_received(encoding))
     for transport in ('raw', 'auto', 'shm'):
@@ -80,7 +80,7 @@ def test_reason_for_a_reader_of_the_compressed_form(
         node: Node, camera: Node, capfd: pytest.CaptureFixture[str]) -> None:
     publisher = FramePublisher(camera, 'depth')
     subscriber = FrameSubscriber(node, '/front/depth', pytest.fail, transport='compressed')
-    spin_until(node, lambda: publisher._topics.compressed.count_subscribers() == 1)
+    spin_until(node, lambda: publisher._topics.count_compressed() == 1)
     for _ in range(3):
         publisher.publish(np.ones((4, 6), np.float32))
     spin_until(node, lambda: not node.count_publishers('/front/depth/compressed'))
@@ -100,7 +100,7 @@ def test_image_that_is_too_long_for_its_codec(
     publisher = FramePublisher(node, 'long')
     messages: list[CompressedImage] = []
     node.create_subscription(CompressedImage, 'long/compressed', messages.append, 10)
-    spin_until(node, lambda: publisher._topics.compressed.count_subscribers() == 1)
+    spin_until(node, lambda: publisher._topics.count_compressed() == 1)
     publisher.publish(np.zeros((1, 65_501), np.uint8))
     publisher.publish(np.zeros((4, 6), np.uint8))
     spin_until(node, lambda: bool(messages))

@@ -404,7 +404,7 @@ def test_loans_of_several_threads(node: Node, camera: Camera, transport: str) ->
 
     subscriber = FrameSubscriber(
         node, 'camera/image', receive, encoding='', every=True, transport=transport)
-    publishers = (camera.publisher._topics.images, camera.publisher._topics.compressed.publisher)
+    publishers = (camera.publisher._topics.images, camera.publisher._topics.compressed)
     spin_until(node, lambda: any(each.get_subscription_count() for each in publishers))
     turns = iter(range(1, 121))
 
