@@ -21,13 +21,13 @@ from typing import Any
 from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
-from opencv_tools.image.errors import FormError, VideoError
+from opencv_tools.image.errors import VideoError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image
 from opencv_tools.logs import Log
@@ -142,14 +142,12 @@ class FramePublisher:
     ) -> None:
         header = self._header_of(source)
         video = self._topics.video
-        if slot and (self._topics.count_compressed()
+        if slot and (self._topics.compressed.get_subscription_count()
                      or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
         if slot is None:
-            self._topics.publish_compressed(
-                '' if _has_png(encoding) else f'{encoding.name} images have no JPEG and no PNG',
-                lambda: self._compress(image, encoding, header))
+            self._topics.publish_compressed(lambda: self._compress(image, encoding, header))
             if video:
                 video.publish(lambda: (image, encoding.name), header)
 
@@ -170,24 +168,16 @@ class FramePublisher:
         stored = 'bgr8' if encoding.name == 'rgb8' else encoding.name
         if stored != encoding.name:
             image = convert_image(image, encoding, find_encoding(stored))
-        try:
-            message = self._bridge.cv2_to_compressed_imgmsg(
-                image, codec, quality=self._quality if codec == 'jpeg' else None,
-                header=Header(stamp=Time(sec=header.sec, nanosec=header.nanosec),
-                              frame_id=header.frame_id))
-        except CvBridgeError as err:
-            raise FormError(str(err)) from err
+        message = self._bridge.cv2_to_compressed_imgmsg(
+            image, codec, quality=self._quality if codec == 'jpeg' else None,
+            header=Header(stamp=Time(sec=header.sec, nanosec=header.nanosec),
+                          frame_id=header.frame_id))
         message.format = f'{encoding.name}; {codec} compressed {stored}'
         return message
 
     def destroy(self) -> None:
         """Remove the publishers."""
         self._topics.destroy()
-
-
-def _has_png(encoding: Encoding) -> bool:
-    """Return whether PNG stores images of an encoding without a conversion."""
-    return encoding.dtype in ('uint8', 'uint16') and encoding.channels in (1, 3, 4)
 
 
 def _encoding_of(image: NDArray[np.generic], name: str) -> Encoding:

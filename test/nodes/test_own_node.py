@@ -40,7 +40,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sending import create_publisher, stamped
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 from sharing import Camera, TOPIC
 from std_msgs.msg import String
 import yaml
@@ -341,21 +341,6 @@ def test_function_without_subscribers(start: Start, tmp_path: Path) -> None:
     summary = re.search(
         r'Received (\d+) frames at .* 0 failed, \d+ skipped, (\d+) not filtered without', output)
     assert summary and summary[1] == summary[2]
-
-
-def test_filter_whose_results_have_no_compressed_form(
-        start: Start, node: Node, tmp_path: Path) -> None:
-    (tmp_path / 'mine.py').write_text(
-        'import numpy\ndef twice(image):\n    return image[..., :2].astype(numpy.int16)\n')
-    (results,) = receive(node, 'filtered_frames')
-    node.create_subscription(CompressedImage, 'filtered_frames/compressed', pytest.fail, 10)
-    start('img_publisher', source='pattern:64x48@20', publish_rate=0)
-    filtering = start('img_filter', function='mine:twice')
-    spin_until(node, lambda: len(results) > 3)
-    filtering.interrupt()
-    assert filtering.finish() == 0, filtering.output
-    assert ' 0 failed, ' in filtering.output
-    assert filtering.output.count('filtered_frames/compressed is not published: 16SC2') == 1
 
 
 def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:

@@ -19,7 +19,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
-import io
 import ipaddress
 import itertools
 import json
@@ -34,7 +33,6 @@ from urllib.parse import urlsplit
 from conftest import call_service, DEADLINE, executable, free_domain, NodeProcess
 import cv2
 import numpy as np
-from opencv_tools.frames import FramePublisher
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.viewer.graph import MAX_TOPICS
 import pytest
@@ -456,23 +454,6 @@ def test_snapshot_in_the_first_lossless_format(
         assert answer.headers['Content-Disposition'].endswith(f'.{suffix}"')
 
     run_page(ask())
-
-
-def test_snapshot_of_depth_from_an_own_node(viewer: NodeProcess, node: Node) -> None:
-    # A viewer prefers compressed images, which floats do not have.
-    publisher = FramePublisher(node, 'depth')
-    image = np.ones((48, 64, 2), np.float64)
-
-    async def ask() -> None:
-        url = address_of(viewer)
-        await until_listed(url, '/depth')
-        answer = await publishing(
-            lambda: publisher.publish(image), fetch(url, '/snapshot?topic=/depth&format=original'))
-        assert answer.code == 200
-        np.testing.assert_array_equal(np.load(io.BytesIO(answer.body)), image, strict=True)
-
-    run_page(ask())
-    publisher.destroy()
 
 
 def test_snapshot_of_a_compressed_topic_is_unchanged(viewer: NodeProcess, node: Node) -> None:

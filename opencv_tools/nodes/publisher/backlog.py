@@ -46,16 +46,17 @@ class Backlog:
     """
 
     def __init__(
-        self, log: Log, clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], object] = time.sleep,
+        self, publishers: Iterable[Publisher], log: Log,
+        clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         """
         Create an empty backlog.
 
+        :param publishers: publishers of the frame topics.
         :param clock: monotonic clock in seconds.
         :param sleep: waits for a number of seconds of that clock.
         """
-        self._unconfirmed: dict[Publisher, int] = {}
+        self._unconfirmed = dict.fromkeys(publishers, 0)
         self._log = log
         self._clock = clock
         self._sleep = sleep
@@ -67,14 +68,18 @@ class Backlog:
         """End all waits."""
         self._stopped.set()
 
+    def watch(self, publishers: Iterable[Publisher]) -> None:
+        """Wait for the subscribers of more publishers."""
+        self._unconfirmed.update(dict.fromkeys(publishers, 0))
+
     def forget(self, publishers: Iterable[Publisher]) -> None:
         """Wait no longer for the subscribers of some publishers."""
         for publisher in publishers:
-            self._unconfirmed.pop(publisher, None)
+            del self._unconfirmed[publisher]
 
     def add(self, publisher: Publisher) -> None:
         """Count a published message."""
-        self._unconfirmed[publisher] = self._unconfirmed.get(publisher, 0) + 1
+        self._unconfirmed[publisher] += 1
 
     def wait_for_room(self) -> bool:
         """
