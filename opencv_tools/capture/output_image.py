@@ -31,6 +31,7 @@ from opencv_tools.image.errors import JpegError, SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
+from opencv_tools.image.picture_formats import why_not_stored
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import (
     check_complete, convert_image, decode_image, encode_image, turn_image)
@@ -132,8 +133,7 @@ class OutputImage:
 
         The compressed image of a camera or bag is used unchanged when the settings allow it.
         """
-        if self.frame.encoding == JPEG and (_keeps_pixels(self.settings, *_AS_JPEG) or (
-                _keeps_pixels(self.settings, 'mono8') and self._is_gray_jpeg)):
+        if _has_jpeg(self):
             if self.frame.recorded:
                 return self.frame.image, self._format
             if self._is_gray_jpeg:
@@ -148,6 +148,16 @@ class OutputImage:
         # string contains the encoding that is stored.
         declared = actual.name if actual.name in _AS_JPEG else stored.name
         return data, f'{declared}; jpeg compressed {stored.name}'
+
+    @property
+    def why_no_jpeg(self) -> str:
+        """Reason why the image has no JPEG; '' if it has one."""
+        if _has_jpeg(self):
+            return ''
+        encoding = self._pixels[1]
+        reason = ('is neither gray nor in colours, as JPEG is' if encoding.is_generic else
+                  why_not_stored(find_encoding('8UC3'), self.size, '.jpg'))
+        return reason and f'an image of {encoding.name} {reason}'
 
     @property
     def packet(self) -> VideoPacket | None:
@@ -197,6 +207,12 @@ class OutputImage:
         height, width = turned.shape[:2]
         out = self.lend(height, width, target)
         return turn_image(_native(image, target), flip, degrees, out), target
+
+
+def _has_jpeg(output: OutputImage) -> bool:
+    """Return whether the compressed image of a camera or bag is used unchanged."""
+    return output.frame.encoding == JPEG and (_keeps_pixels(output.settings, *_AS_JPEG) or (
+        _keeps_pixels(output.settings, 'mono8') and output._is_gray_jpeg))
 
 
 def _keeps_pixels(settings: OutputSettings, *encodings: str) -> bool:

@@ -18,18 +18,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
 
 from opencv_tools.image.cdr import WireImage
+from opencv_tools.topics.compressed_topic import CompressedTopic
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic
 from opencv_tools.topics.video_topics import VideoTopics
-from opencv_tools.transport.shared_frames.announcement import SUFFIX
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 
 _PARTICIPANT_BYTES = 12  # of the identifier of an endpoint, see section 8.2.4 of DDSI-RTPS
 #: Lends shared memory for a number of bytes, if it has readers.
@@ -58,7 +57,7 @@ class FrameTopics:
         #: Name of the image topic after remapping.
         self.name = resolve_topic(node, topic)
         self.images = create_frame_publisher(node, Image, topic)
-        self.compressed = create_frame_publisher(node, CompressedImage, f'{self.name}/compressed')
+        self.compressed = CompressedTopic(node, self.name)
         self.shared = SharedFramePublisher(node, self.images)
         #: Topics of the video; None without video.
         self.video = VideoTopics(node, self.name, video) if video else None
@@ -66,14 +65,14 @@ class FrameTopics:
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a frame would be received."""
+        """Whether a frame would be received, or its compressed form is asked for."""
         return self.has_image_subscribers or bool(self.video and self.video.count_subscribers())
 
     @property
     def has_image_subscribers(self) -> bool:
         """Whether an image would be received, not only video."""
         return bool(self.shared.has_subscribers or self.images.get_subscription_count()
-                    or self.compressed.get_subscription_count())
+                    or self.compressed.count_subscribers())
 
     def count_subscribers(self) -> int:
         """
@@ -85,10 +84,10 @@ class FrameTopics:
             Counter((bytes(found.endpoint_gid)[:_PARTICIPANT_BYTES], found.node_namespace,
                      found.node_name)
                     for found in self._node.get_subscriptions_info_by_topic(name))
-            for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}'))
+            for name in (self.images.topic_name, self.shared.topic_name))
         video = self.video.count_subscribers() if self.video else 0
         return int(self.images.get_subscription_count() + video
-                   + self.compressed.get_subscription_count() + (shared - raw).total())
+                   + self.compressed.count_subscribers() + (shared - raw).total())
 
     def publish_raw(
         self, make: Callable[[Lend], tuple[WireImage, Slot | None]],
@@ -106,22 +105,10 @@ class FrameTopics:
         image, slot = make(self.shared.lend)
         return self.shared.publish(image, is_message=is_message, slot=slot)
 
-    def publish_compressed(self, make: Callable[[], Any]) -> bool:
-        """
-        Publish a compressed image, if somebody receives it.
-
-        :param make: creates the message, or its CDR.
-        :returns: whether somebody receives it.
-        """
-        if not self.compressed.get_subscription_count():
-            return False
-        self.compressed.publish(make())
-        return True
-
     def destroy(self) -> None:
         """Remove the publishers."""
         self.shared.destroy()
         if self.video:
             self.video.destroy()
+        self.compressed.destroy()
         self._node.destroy_publisher(self.images)
-        self._node.destroy_publisher(self.compressed)

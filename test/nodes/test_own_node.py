@@ -40,7 +40,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sending import create_publisher, stamped
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 from sharing import Camera, TOPIC
 from std_msgs.msg import String
 import yaml
@@ -369,6 +369,34 @@ def test_functions_of_the_working_folder(
         filtering.interrupt()
         assert filtering.finish() == 1
         assert 'failed' in filtering.output
+
+
+RESULTS = """
+import numpy as np
+count = 0
+
+def vary(image):
+    global count
+    count += 1
+    kind = (np.float32, np.int16, np.uint8)[count % 3]
+    return np.full((4, 6, 2 if kind is np.uint8 else 1), count, kind)
+"""
+
+
+def test_results_without_a_compressed_form(start: Start, node: Node, tmp_path: Path) -> None:
+    (tmp_path / 'mine.py').write_text(RESULTS)
+    (results,) = receive(node, 'filtered_frames')
+    node.create_subscription(CompressedImage, 'filtered_frames/compressed', print, 10)
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    filtering = start('img_filter', function='mine:vary', every=True)
+    spin_until(node, lambda: len(results) >= 7)
+    filtering.interrupt()
+    assert filtering.finish() == 0
+    values = [int(image.flat[0]) for image in results.values()]
+    assert values == [*range(values[0], values[0] + len(values))]
+    assert re.search(r'Received \d+ frames at .* Hz: 0 failed', filtering.output)
+    assert sorted(re.findall(r'an image of (\w+) cannot be stored as png', filtering.output)) == [
+        '16SC1', '32FC1', '8UC2']
 
 
 RUN_FILTER = """

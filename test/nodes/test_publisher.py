@@ -89,18 +89,6 @@ def test_change_of_the_jpeg_quality(start: Start, node: Node) -> None:
     spin_until(node, lambda: len(messages[-1].data) < before / 2)
 
 
-def test_frame_without_a_compressed_form(
-        start: Start, node: Node, tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / 'depth.tiff'), np.ones((4, 4), np.float32))
-    images = receive(node, Image, 'video_frames')
-    compressed = receive(node, CompressedImage, 'video_frames/compressed')
-    publisher = start('img_publisher', source='depth.tiff', encoding="''", on_end='loop')
-    spin_until(node, lambda: len(images) > 2)
-    assert images[0].encoding == '32FC1'
-    publisher.wait_for('[32FC1] is not a color format')
-    assert not compressed
-
-
 def test_remapped_topics(start: Start, node: Node) -> None:
     infos = receive(node, CameraInfo, '/front/camera_info')
     compressed = receive(node, CompressedImage, '/front/image/compressed')

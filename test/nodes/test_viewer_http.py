@@ -33,6 +33,7 @@ from urllib.parse import urlsplit
 from conftest import call_service, DEADLINE, executable, free_domain, NodeProcess
 import cv2
 import numpy as np
+from opencv_tools.frames import FramePublisher
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.viewer.graph import MAX_TOPICS
 import pytest
@@ -454,6 +455,24 @@ def test_snapshot_in_the_first_lossless_format(
         assert answer.headers['Content-Disposition'].endswith(f'.{suffix}"')
 
     run_page(ask())
+
+
+def test_snapshots_of_a_publisher_of_floats(viewer: NodeProcess, node: Node) -> None:
+    publisher = FramePublisher(node, 'depth')
+
+    def publish() -> None:
+        publisher.publish(np.linspace(1, 2, 48, dtype=np.float32).reshape(6, 8))
+
+    async def ask() -> None:
+        url = address_of(viewer)
+        await until_listed(url, '/depth')  # also as a compressed topic, until the first frame
+        for name in ('/depth', '/depth', '/depth/compressed'):
+            answer = await publishing(publish, fetch(url, f'/snapshot?topic={name}'))
+            picture = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_UNCHANGED)
+            assert picture.shape[:2] == (6, 8)
+
+    run_page(ask())
+    publisher.destroy()
 
 
 def test_snapshot_of_a_compressed_topic_is_unchanged(viewer: NodeProcess, node: Node) -> None:

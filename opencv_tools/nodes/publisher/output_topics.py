@@ -153,10 +153,11 @@ class OutputTopics:
         return True
 
     def _publish_compressed(self, output: OutputImage, header: WireHeader) -> bool:
-        if not self.frames.publish_compressed(lambda: compressed_message(output, header)):
-            return False
-        self._backlog.add(self.frames.compressed)
-        return True
+        topic = self.frames.compressed
+        if (self.frames.has_image_subscribers and topic.is_due(output.why_no_jpeg)
+                and topic.publish(lambda: compressed_message(output, header))):
+            self._backlog.add(topic)
+        return topic.count_subscribers() > 0
 
     def _publish_video(self, output: OutputImage, header: WireHeader) -> bool:
         video = self.frames.video

@@ -86,8 +86,10 @@ class SharedFramePublisher:
         self._announced_only_shared = 0
         self._publisher = zero_copy.publisher_id(images.handle)
         self._identity = publisher_identity(self._publisher, images.topic_name)
+        #: Name of the topic of the announcement.
+        self.topic_name = f'{images.topic_name}{SUFFIX}'
         self._announcements = node.create_publisher(
-            String, f'{images.topic_name}{SUFFIX}',
+            String, self.topic_name,
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
             # rclpy does not guard events, if one thread destroys them and another waits for them.
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
