@@ -52,7 +52,8 @@ _CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Mes
     'capture': lambda control, node, message: control.capture(node, message.get('on')),
     'save': lambda control, node, _: control.save(node),
     'keep': lambda control, wanted, _: recorder_of(control).keep(wanted),
-    'record': lambda control, wanted, _: recorder_of(control).request(wanted),
+    'record': lambda control, wanted, message: recorder_of(control).request(
+        wanted, message.get('since')),
 }
 
 

@@ -77,6 +77,7 @@ const connection = new Connection({
   },
   disconnected(sentence) {
     mood = 'lost';
+    recording.lose();
     if (sentence) notify(sentence, false);
     show();
   },
