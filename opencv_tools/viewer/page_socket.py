@@ -146,6 +146,9 @@ class PageSocket(SocketHandler):
             answer = await self._subscribe(name, parse_options(message))
             self._steps.follow(name)
             return answer
+        elif 'file' in message:
+            file: _Message = self.settings['files'].answer(message, self._channels)
+            return file
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
             self._overlays.forget(topic_of(message['unsubscribe']))
