@@ -40,7 +40,9 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from sensor_msgs.msg import Image
-from viewing import address_of, Camera, fetch, Page, publishing, run_page, until
+from tornado.httpclient import HTTPResponse
+from viewing import (
+    address_of, Camera, fetch, Page, publishing, run_page, ShownPicture, until)
 
 Start = Callable[..., NodeProcess]
 TOKEN = 'open-sesame'
@@ -674,3 +676,51 @@ def test_tls(start: Start, tmp_path: Path) -> None:
         refused = start('img_viewer', port=0, token=TOKEN, **given)
         assert refused.finish() == 1
         assert f'cannot be used: {reason}' in refused.output
+
+
+def test_file_of_the_displayed_picture(guarded: NodeProcess, node: Node) -> None:
+    front, rear = Camera(node, '/front'), Camera(node, '/rear')
+    url = address_of(guarded)
+
+    def gray(level: int) -> np.ndarray:
+        return np.full((48, 64, 3), level, np.uint8)
+
+    async def save(page: Page, topic: str, picture: int) -> HTTPResponse:
+        await page.send(file=topic, picture=picture)
+        return await fetch(url, f'{(await page.text("file"))["address"]}&token={TOKEN}')
+
+    async def act() -> None:
+        page = await Page.connect(url)
+        while len(await page.text('topics')) < 2:
+            pass
+        for camera in (front, rear):
+            await page.send(subscribe=camera.publisher.topic_name, looks=True)
+            await camera.seen()
+        shown: dict[str, ShownPicture] = {}
+        for level in (50, 110, 170):
+            for name, camera in (('/front', front), ('/rear', rear)):
+                camera.publish(gray(level + (name == '/rear')))
+                shown[name] = await page.picture()
+        for name in shown:
+            await page.send(subscribe=name, looks=True, held=True)
+        await page.send(ping=1)
+        await page.text('pong')  # the node has read what came before
+        for camera in (front, rear):
+            camera.publish(gray(240))  # while the page is paused
+        await page.send(step='/front', by=-2)
+        earlier = await page.picture()
+        assert (await page.text('step'))['text'].startswith('frame 1 of 3')
+        for name, picture, level, stamp in (
+                ('/front', earlier, 50, '1.000000000'),
+                ('/rear', shown['/rear'], 171, '3.000000000')):
+            answer = await save(page, name, picture.sequence)
+            assert answer.headers['X-Timestamp'] == stamp
+            assert f'{name[1:]}_{stamp}.png' in answer.headers['Content-Disposition']
+            assert np.unique(cv2.imdecode(np.frombuffer(answer.body, np.uint8), 1)) == [level]
+        await page.send(file='/front', picture=shown['/front'].sequence)
+        assert (await page.text('file'))['error'].endswith('no more: resume the page')
+        answer = await fetch(url, f'/snapshot?picture={"0" * 24}&token={TOKEN}')
+        assert (answer.code, answer.body) == (
+            404, b'the frame of this picture is no longer kept: save it again\n')
+
+    run_page(act())
