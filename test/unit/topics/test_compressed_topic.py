@@ -63,6 +63,7 @@ def subscribe(node: Node, monkeypatch: pytest.MonkeyPatch) -> Iterator[Subscribe
         subscriptions.append(FrameSubscription(
             node, TOPIC, Log(node.get_logger()), take, messages.append,
             SubscriptionOptions(depth=None, **options)))
+        subscriptions[-1].start()
         return subscriptions[-1], messages
 
     yield _subscribe
