@@ -63,7 +63,8 @@ class ImagePublisher(ClosableNode):
         watch_parameters(
             self, PARAMETERS, self._loop.apply_changes, lambda: controls.parameters,
             self._loop.check_changes)
-        self.create_service(SetBool, 'set_capture', self._loop.set_capture)
+        for name in ('set_capture', '~/set_capture'):  # the second one is only of this node
+            self.create_service(SetBool, name, self._loop.set_capture)
         create_camera_info_service(self, calibration, lambda: self._loop.settings)
         if not is_camera(settings.source):
             controls.warn_unknown_parameters()

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from functools import lru_cache
-import itertools
 from typing import Any
 
 import cv2
@@ -31,39 +30,8 @@ from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import (
     check_jpeg, jpeg_components, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
+from opencv_tools.image.picture_formats import CODEC_TYPES, why_not_stored
 from opencv_tools.image.text import printable
-
-
-def _types(depths: str, channels: str) -> frozenset[str]:
-    return frozenset(f'{depth}C{count}' for depth, count in
-                     itertools.product(depths.split(), channels.split()))
-
-
-_BYTES = _types('8U', '1 3')
-# OpenCV 4.6 cannot read the 64FC3 TIFF that it writes.
-_TIFF = _types('8U 16U', '1 3 4') | _types('32F', '1 3') | _types('64F', '1')
-
-#: OpenCV types that each format stores without conversion. All formats are lossless, except JPEG,
-#: and WebP with a quality.
-CODEC_TYPES = {
-    '.png': _types('8U 16U', '1 3 4'),
-    '.jpg': _BYTES,
-    '.jpeg': _BYTES,
-    '.jpe': _BYTES,
-    '.tif': _TIFF,
-    '.tiff': _TIFF,
-    '.bmp': _BYTES,
-    '.dib': _BYTES,
-    '.webp': _types('8U', '3'),  # with alpha it loses the colours of transparent pixels
-    '.sr': _BYTES,
-    '.ras': _BYTES,
-    '.pgm': _types('8U 16U', '1'),
-    '.ppm': _types('8U 16U', '3'),
-}
-
-#: Longest side in pixels that OpenCV writes, of the formats with a limit; it logs what is longer.
-MAX_SIDES = {**dict.fromkeys(('.jpg', '.jpeg', '.jpe'), 65_500), '.png': 1_000_000,
-             '.webp': 16_383}
 
 # The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
 _OPTIONS = dict.fromkeys(('.tif', '.tiff'), (cv2.IMWRITE_TIFF_COMPRESSION, 5))
@@ -100,22 +68,16 @@ def encode_image(
     :returns: content of the file, (n,) uint8.
     :raises CodecError: the format is unknown, or cannot store the image without a conversion.
     """
-    type_name = generic_encoding(image).name
-    described = f'a {image.shape[1]}x{image.shape[0]} {type_name} image'
+    stored = generic_encoding(image)
+    described = f'a {image.shape[1]}x{image.shape[0]} {stored.name} image'
     if suffix not in CODEC_TYPES:
         raise CodecError(
             f"unknown picture format '{printable(suffix[1:], _MAX_NAME)}'; give one of "
             f'{", ".join(known[1:] for known in CODEC_TYPES)}')
-    if type_name not in CODEC_TYPES[suffix]:
-        able = [known[1:] for known, types in CODEC_TYPES.items() if type_name in types]
-        raise CodecError(
-            f'{described} cannot be stored as {suffix[1:]}; '
-            + (f'use {" or ".join(able)}' if able else 'no picture format can store it'))
-    if not image.size:
-        raise CodecError(f'{described} is empty and cannot be encoded')
-    if max(image.shape[:2]) > MAX_SIDES.get(suffix, max(image.shape[:2])):
-        raise CodecError(f'{described} is too long for {suffix[1:]}: the limit is '
-                         f'{MAX_SIDES[suffix]} pixels a side')
+    if reason := why_not_stored(stored, image.shape, suffix):
+        able = [known[1:] for known, types in CODEC_TYPES.items() if stored.name in types]
+        remedy = f'; use {" or ".join(able)}' if able else '; no picture format can store it'
+        raise CodecError(f'{described} {reason}{"" if suffix[1:] in able else remedy}')
     options: tuple[int, ...] = _OPTIONS.get(suffix, ())
     if suffix == '.png':
         options = (_FAST_PNG if compression == 1

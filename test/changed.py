@@ -133,7 +133,8 @@ def main() -> int:
     tests = [path for folder in ('nodes', 'package', 'unit')
              for path in sorted((TEST / folder).rglob('test_*.py'))]
     selected = reached(changed, tests)
-    print(f'{len(changed)} files differ from {base}; they reach: {" ".join(selected) or "no test"}')
+    print(f'{len(changed)} files differ from {base}; they reach',
+          ' '.join(selected) or 'no test')
     return pytest.main(['-q', '-m', 'not linter and not thorough', *arguments, *selected]
                        ) if selected else 0
 

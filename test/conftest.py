@@ -71,9 +71,8 @@ pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sh
 
 # Nothing of the machine decides: a test sets the variables that it needs.
 for _name in tuple(os.environ):
-    if (re.match('ROS_|RMW_|RCUTILS_|FASTDDS_|FASTRTPS_|LC_|LANG', _name)
-            and _name not in ('ROS_DISTRO', 'ROS_VERSION', 'ROS_PYTHON_VERSION')
-            or _name.lower().endswith('_proxy')):
+    if re.fullmatch('(?i)ROS_(?!DISTRO|VERSION|PYTHON_VERSION).*|(RMW|RCUTILS|FASTDDS|FASTRTPS)_.*|'
+                    '(LANG|LC_).*|.*_proxy', _name):
         del os.environ[_name]
 os.environ.update(LANG='C.UTF-8', TZ='UTC')
 time.tzset()

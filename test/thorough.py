@@ -38,7 +38,8 @@ PAGE = ROOT / 'test' / 'unsteady.md'
 LOGS = ROOT / 'build' / 'thorough'
 AT_ONCE = 3  # most of them wait for one process
 MOST_UNSTEADY = 3
-_FAILED = re.compile(r'^(?:FAILED|ERROR) (test/\S+?\.py(?:::.*?)?)(?: - .*)?$', re.MULTILINE)
+_FAILED = re.compile(
+    r'^(?:FAILED|ERROR) (test/\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - .*)?$', re.MULTILINE)
 
 
 def run(group: str, only: Sequence[str] = ()) -> tuple[int, str]:

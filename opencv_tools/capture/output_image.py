@@ -27,11 +27,11 @@ from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
-from opencv_tools.image.errors import (
-    CodecError, ConversionError, FormError, JpegError, SizeError)
+from opencv_tools.image.errors import JpegError, SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
+from opencv_tools.image.picture_formats import why_not_stored
 from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import (
     check_complete, convert_image, decode_image, encode_image, turn_image)
@@ -126,24 +126,14 @@ class OutputImage:
             return f'{self.frame.image.size} bytes {shown}'
         return f'{width}x{height} {shown}'
 
-    @property
-    def reason_against_jpeg(self) -> str:
-        """Reason why images of this encoding have no JPEG; '' if they have one."""
-        name = self.settings.encoding or self.frame.encoding
-        if name in (JPEG, VIDEO) or not find_encoding(name).is_generic:
-            return ''
-        return f'{name} images have no JPEG'
-
     @cached_property
     def jpeg(self) -> tuple[NDArray[Any], str]:
         """
         JPEG, (n,) uint8 array, and its format string as compressed_image_transport writes it.
 
-        The compressed image of a camera or bag is used unchanged when the settings allow it. It
-        raises FormError if the pixels are known, but have no JPEG.
+        The compressed image of a camera or bag is used unchanged when the settings allow it.
         """
-        if self.frame.encoding == JPEG and (_keeps_pixels(self.settings, *_AS_JPEG) or (
-                _keeps_pixels(self.settings, 'mono8') and self._is_gray_jpeg)):
+        if _has_jpeg(self):
             if self.frame.recorded:
                 return self.frame.image, self._format
             if self._is_gray_jpeg:
@@ -151,16 +141,23 @@ class OutputImage:
             return self.frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
         image, actual = self._pixels
         stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
-        try:
-            if actual != stored:
-                image = convert_image(_native(image, actual), actual, stored)
-            data = encode_image(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
-        except (CodecError, ConversionError) as err:
-            raise FormError(str(err)) from err
+        if actual != stored:
+            image = convert_image(_native(image, actual), actual, stored)
+        data = encode_image(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
         # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
         # string contains the encoding that is stored.
         declared = actual.name if actual.name in _AS_JPEG else stored.name
         return data, f'{declared}; jpeg compressed {stored.name}'
+
+    @property
+    def why_no_jpeg(self) -> str:
+        """Reason why the image has no JPEG; '' if it has one."""
+        if _has_jpeg(self):
+            return ''
+        encoding = self._pixels[1]
+        reason = ('is neither gray nor in colours, as JPEG is' if encoding.is_generic else
+                  why_not_stored(find_encoding('8UC3'), self.size, '.jpg'))
+        return reason and f'an image of {encoding.name} {reason}'
 
     @property
     def packet(self) -> VideoPacket | None:
@@ -210,6 +207,12 @@ class OutputImage:
         height, width = turned.shape[:2]
         out = self.lend(height, width, target)
         return turn_image(_native(image, target), flip, degrees, out), target
+
+
+def _has_jpeg(output: OutputImage) -> bool:
+    """Return whether the compressed image of a camera or bag is used unchanged."""
+    return output.frame.encoding == JPEG and (_keeps_pixels(output.settings, *_AS_JPEG) or (
+        _keeps_pixels(output.settings, 'mono8') and output._is_gray_jpeg))
 
 
 def _keeps_pixels(settings: OutputSettings, *encodings: str) -> bool:

@@ -49,10 +49,6 @@ class RectifiedImage(OutputImage):
         self._camera_info = camera_info
         self._rectifier = rectifier
 
-    @property
-    def reason_against_jpeg(self) -> str:
-        return self._source.reason_against_jpeg
-
     @cached_property
     def _pixels(self) -> tuple[NDArray[Any], Encoding]:
         return self._rectifier.rectify(

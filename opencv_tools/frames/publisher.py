@@ -18,18 +18,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from builtin_interfaces.msg import Time
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.loan import LoanedFrame
-from opencv_tools.image.cdr import WireHeader
+from opencv_tools.image.cdr import (
+    compressed_image_to_cdr, WireCompressedImage, WireHeader)
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
-from opencv_tools.image.errors import FormError, VideoError
+from opencv_tools.image.errors import VideoError
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.image_codecs import convert_image
+from opencv_tools.image.picture_formats import why_not_stored
+from opencv_tools.image_codecs import convert_image, encode_image
 from opencv_tools.logs import Log
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
@@ -37,7 +37,6 @@ from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.units import NANO
 from opencv_tools.video.settings import check_encoder, VideoSettings
 from rclpy.node import Node
-from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 _ENCODINGS = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8'}
@@ -79,7 +78,6 @@ class FramePublisher:
             raise ParameterError(f'video: {err}') from err
         self._node = node
         self._quality = quality
-        self._bridge = CvBridge()
         self._log = Log(node.get_logger())
         self._topics = FrameTopics(node, topic, video)
 
@@ -90,7 +88,7 @@ class FramePublisher:
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a raw or compressed image would be received."""
+        """Whether a raw or compressed image would be received, or is asked for."""
         return self._topics.has_subscribers
 
     def publish(
@@ -142,16 +140,15 @@ class FramePublisher:
     ) -> None:
         header = self._header_of(source)
         video = self._topics.video
-        if slot and (self._topics.compressed.count_subscribers()
-                     or (video and video.count_subscribers())):
+        compressed = self._topics.compressed
+        is_compressed = compressed.is_due(_why_not_compressed(image, encoding))
+        if slot and (is_compressed or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
-        if slot is None:
-            self._topics.compressed.publish(
-                '' if _has_png(encoding) else f'{encoding.name} images have no JPEG and no PNG',
-                lambda: self._compress(image, encoding, header))
-            if video:
-                video.publish(lambda: (image, encoding.name), header)
+        if is_compressed:
+            compressed.publish(lambda: self._compress(image, encoding, header))
+        if video and slot is None:
+            video.publish(lambda: (image, encoding.name), header)
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""
@@ -165,29 +162,30 @@ class FramePublisher:
 
     def _compress(
         self, image: NDArray[np.generic], encoding: Encoding, header: WireHeader,
-    ) -> CompressedImage:
-        codec = 'jpeg' if encoding.name in _FOR_JPEG else 'png'
+    ) -> bytes:
+        codec = _codec(encoding)
         stored = 'bgr8' if encoding.name == 'rgb8' else encoding.name
+        image = np.ascontiguousarray(image, encoding.dtype)  # in native byte order
         if stored != encoding.name:
             image = convert_image(image, encoding, find_encoding(stored))
-        try:
-            message = self._bridge.cv2_to_compressed_imgmsg(
-                image, codec, quality=self._quality if codec == 'jpeg' else None,
-                header=Header(stamp=Time(sec=header.sec, nanosec=header.nanosec),
-                              frame_id=header.frame_id))
-        except CvBridgeError as err:
-            raise FormError(str(err)) from err
-        message.format = f'{encoding.name}; {codec} compressed {stored}'
-        return message
+        data = encode_image(image, f'.{codec}', self._quality if codec == 'jpeg' else None)
+        return compressed_image_to_cdr(WireCompressedImage(
+            header=header, format=f'{encoding.name}; {codec} compressed {stored}',
+            data=data.data))
 
     def destroy(self) -> None:
         """Remove the publishers."""
         self._topics.destroy()
 
 
-def _has_png(encoding: Encoding) -> bool:
-    """Return whether PNG stores images of an encoding without a conversion."""
-    return encoding.dtype in ('uint8', 'uint16') and encoding.channels in (1, 3, 4)
+def _codec(encoding: Encoding) -> str:
+    return 'jpeg' if encoding.name in _FOR_JPEG else 'png'
+
+
+def _why_not_compressed(image: NDArray[np.generic], encoding: Encoding) -> str:
+    """Return why an image cannot be compressed; '' if it can."""
+    reason = why_not_stored(generic_encoding(image), image.shape, f'.{_codec(encoding)}')
+    return reason and f'an image of {encoding.name} {reason}'
 
 
 def _encoding_of(image: NDArray[np.generic], name: str) -> Encoding:

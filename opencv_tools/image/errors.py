@@ -21,7 +21,6 @@ The errors of images.
     ├─ EncodingError            an encoding is unknown, or does not fit an array
     ├─ LayoutError              the size, step and data of an image contradict each other
     ├─ ConversionError          a conversion between two encodings is not supported
-    ├─ FormError                an image cannot be published in one of the forms
     ├─ RectificationError       an image cannot be rectified by its camera_info
     ├─ CdrError                 bytes are not a message, or a message cannot be serialised
     │  └─ EncapsulationError    a message has another encapsulation than plain CDR
@@ -49,10 +48,6 @@ class LayoutError(ImageError):
 
 class ConversionError(ImageError):
     """A conversion between two encodings is not supported."""
-
-
-class FormError(ImageError):
-    """An image cannot be published in one form, such as JPEG, but in others."""
 
 
 class RectificationError(ImageError):

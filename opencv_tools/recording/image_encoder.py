@@ -29,7 +29,8 @@ from opencv_tools.image.encodings import Encoding, find_encoding, generic_encodi
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.image_size import PNG_SIGNATURE
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
-from opencv_tools.image_codecs import check_complete, CODEC_TYPES, convert_image, encode_image
+from opencv_tools.image.picture_formats import CODEC_TYPES
+from opencv_tools.image_codecs import check_complete, convert_image, encode_image
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 

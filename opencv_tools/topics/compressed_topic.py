@@ -12,102 +12,116 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topic on which frames are published as compressed images."""
+"""The topic of compressed images, which exists while frames have a compressed form."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from threading import Lock
-import time
 from typing import Any
 
-from opencv_tools.image.errors import FormError
+from opencv_tools.image.errors import ImageError
 from opencv_tools.logs import Log
 from opencv_tools.topics.qos import create_frame_publisher
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import CompressedImage
 
-# Without a frame that has no compressed form, until the topic is advertised again.
-_RETURN_SECONDS = 5.0
+# Frames without a compressed form, one after the other, that end the topic. A publisher that
+# mixes both kinds of frames keeps it.
+_MAX_WITHOUT = 10
 _LOGGED_SECONDS = 10.0
 
 
 class CompressedTopic:
     """
-    Publish compressed images; thread-safe.
+    Publish compressed images while frames have a compressed form; thread-safe.
 
-    A frame without a compressed form ends the topic, so that nobody waits for it. It returns with
-    the first other frame after 5 s without such a frame.
+    Other nodes prefer compressed images where they are published. The publisher is removed when
+    frames have no compressed form, and created again for the next frame that has one.
     """
 
-    def __init__(self, node: Node, name: str, forget: Callable[[Publisher], object]) -> None:
+    def __init__(self, node: Node, images: str) -> None:
         """
         Create the publisher.
 
-        :param name: name of the topic of raw images after remapping.
-        :param forget: called before the publisher is removed for a frame without this form.
+        :param images: name of the topic of raw images after remapping.
         :raises ParameterError: the ``qos_overrides`` parameters of the topic cannot be used.
         """
         self._node = node
-        self._raw_name, self._name = name, f'{name}/compressed'
-        self._forget = forget
+        self._images = images
         self._log = Log(node.get_logger())
         self._lock = Lock()
-        self._without_form_at = 0.0
-        #: Publisher of the topic; None while the frames have no such form.
-        self.publisher: Publisher | None = None
-        self._advertise()
+        self._without = _MAX_WITHOUT - 1  # the first frame decides alone
+        publisher = self._create()
+        self._publisher: Publisher | None = publisher
+        self._name = publisher.topic_name
+        #: Quality of service of the publisher.
+        self.qos_profile = publisher.qos_profile
 
     def count_subscribers(self) -> int:
-        """Return the number of subscribers."""
+        """Return the number of subscribers, also while there is no publisher."""
         with self._lock:
-            return self.publisher.get_subscription_count() if self.publisher else 0
+            return self._count()
 
-    def publish(self, reason: str, make: Callable[[], Any]) -> Publisher | None:
+    def is_due(self, why_not: str) -> bool:
         """
-        Publish a compressed image, if somebody receives it.
+        Return whether a frame is to be compressed, and adapt the publisher to the frame.
 
-        :param reason: why the frame has no compressed form; '' if it has one.
-        :param make: creates the message, or its CDR. A `FormError` is logged.
-        :returns: the publisher that has published it; None if none has.
+        :param why_not: reason why the frame has no compressed form; '' if it has one.
         """
-        if reason:
-            self._withdraw(reason)
-            return None
-        if not self.publisher and time.monotonic() > self._without_form_at + _RETURN_SECONDS:
-            self._advertise()
-        if not self.count_subscribers():
-            return None
+        with self._lock:
+            if not why_not:
+                self._without = 0
+                self._publisher = self._publisher or self._create()
+                return self._count() > 0
+            self._without += 1
+            if self._count():
+                self._log.warning(
+                    f'{self._name} has no frames: {why_not}; receive {self._images}, with '
+                    'transport:=raw or transport:=auto', once=why_not)
+            if (self._publisher and self._without >= _MAX_WITHOUT
+                    and self._publisher.wait_for_all_acked(Duration())):
+                self._remove()
+            return False
+
+    def publish(self, make: Callable[[], Any]) -> bool:
+        """
+        Publish an image. An error of the codec is logged.
+
+        :param make: creates the message, or its CDR.
+        :returns: whether it was published.
+        """
         try:
             message = make()
-        except FormError as err:
-            self._log.warning(f'no frame on {self._name}: {err}', every=_LOGGED_SECONDS, key='')
-            return None
+        except ImageError as err:
+            self._log.error(f'no image on {self._name}: {err}', every=_LOGGED_SECONDS,
+                            key='compressed')
+            return False
         with self._lock:
-            if self.publisher:
-                self.publisher.publish(message)
-            return self.publisher
+            if self._publisher:  # another thread may publish other frames
+                self._publisher.publish(message)
+            return self._publisher is not None
+
+    def wait_for_all_acked(self, timeout: Duration) -> bool:
+        """Return whether reliable subscribers have confirmed all images, as a publisher does."""
+        with self._lock:
+            return self._publisher is None or bool(self._publisher.wait_for_all_acked(timeout))
 
     def destroy(self) -> None:
         """Remove the publisher."""
         with self._lock:
-            publisher, self.publisher = self.publisher, None
-        if publisher:
-            self._node.destroy_publisher(publisher)
+            self._remove()
 
-    def _advertise(self) -> None:
-        with self._lock:
-            self.publisher = self.publisher or create_frame_publisher(
-                self._node, CompressedImage, self._name)
+    def _create(self) -> Publisher:
+        return create_frame_publisher(self._node, CompressedImage, f'{self._images}/compressed')
 
-    def _withdraw(self, reason: str) -> None:
-        self._without_form_at = time.monotonic()
-        if self.publisher:
-            sentence = f'{self._name} is not published: {reason}; receive {self._raw_name}'
-            if self.count_subscribers():
-                self._log.warning(sentence, once=reason)
-            else:
-                self._log.info(sentence, once=reason)
-            self._forget(self.publisher)
-            self.destroy()
+    def _count(self) -> int:
+        return int(self._publisher.get_subscription_count() if self._publisher
+                   else self._node.count_subscribers(self._name))
+
+    def _remove(self) -> None:
+        if self._publisher:
+            self._node.destroy_publisher(self._publisher)
+        self._publisher = None

@@ -19,47 +19,45 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
+from opencv_tools.image.cdr import WireImage
 from opencv_tools.topics.compressed_topic import CompressedTopic
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic
 from opencv_tools.topics.video_topics import VideoTopics
-from opencv_tools.transport.shared_frames.announcement import SUFFIX
-from opencv_tools.transport.shared_frames.publisher import Make, SharedFramePublisher
+from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
+from opencv_tools.transport.shared_frames.writer import Slot
 from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
 
 _PARTICIPANT_BYTES = 12  # of the identifier of an endpoint, see section 8.2.4 of DDSI-RTPS
+#: Lends shared memory for a number of bytes, if it has readers.
+Lend = Callable[[int], Slot | None]
 
 
 class FrameTopics:
     """
     Publish raw images, also by shared memory, compressed images and video.
 
-    Nothing is computed for topics without subscribers. Each topic stands alone: a frame that
-    one of them cannot have is published on the others.
+    Nothing is computed for topics without subscribers.
 
     The names of the topics are those of image_transport.
     """
 
-    def __init__(self, node: Node, topic: str, video: VideoSettings | None = None,
-                 forget: Callable[[Publisher], object] = bool) -> None:
+    def __init__(self, node: Node, topic: str, video: VideoSettings | None = None) -> None:
         """
         Create the publishers.
 
         :param topic: name of the topic of the raw images; compressed images are on
             ``<topic>/compressed``.
         :param video: settings of the video; None for no video.
-        :param forget: called before a publisher is removed while the others remain.
         :raises ParameterError: the name of the topic or its ``qos_overrides`` parameters cannot be
             used.
         """
         #: Name of the image topic after remapping.
         self.name = resolve_topic(node, topic)
         self.images = create_frame_publisher(node, Image, topic)
-        #: Topic of the compressed images.
-        self.compressed = CompressedTopic(node, self.name, forget)
+        self.compressed = CompressedTopic(node, self.name)
         self.shared = SharedFramePublisher(node, self.images)
         #: Topics of the video; None without video.
         self.video = VideoTopics(node, self.name, video) if video else None
@@ -67,7 +65,7 @@ class FrameTopics:
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a frame would be received."""
+        """Whether a frame would be received, or its compressed form is asked for."""
         return self.has_image_subscribers or bool(self.video and self.video.count_subscribers())
 
     @property
@@ -86,12 +84,14 @@ class FrameTopics:
             Counter((bytes(found.endpoint_gid)[:_PARTICIPANT_BYTES], found.node_namespace,
                      found.node_name)
                     for found in self._node.get_subscriptions_info_by_topic(name))
-            for name in (self.images.topic_name, f'{self.images.topic_name}{SUFFIX}'))
+            for name in (self.images.topic_name, self.shared.topic_name))
         video = self.video.count_subscribers() if self.video else 0
         return int(self.images.get_subscription_count() + video
                    + self.compressed.count_subscribers() + (shared - raw).total())
 
-    def publish_raw(self, make: Make) -> bool | None:
+    def publish_raw(
+        self, make: Callable[[Lend], tuple[WireImage, Slot | None]],
+    ) -> bool | None:
         """
         Publish a raw image, if somebody receives it.
 
@@ -110,5 +110,5 @@ class FrameTopics:
         self.shared.destroy()
         if self.video:
             self.video.destroy()
-        self._node.destroy_publisher(self.images)
         self.compressed.destroy()
+        self._node.destroy_publisher(self.images)

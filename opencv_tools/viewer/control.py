@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import time
 from typing import Any
 
-from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.viewer.errors import NoAnswerError, RequestError
 from opencv_tools.viewer.parameter_json import (
@@ -31,7 +31,7 @@ from rcl_interfaces.srv import (
     DescribeParameters, GetParameters, ListParameters, SetParameters)
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.client import Client
-from rclpy.node import Node
+from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
@@ -43,6 +43,7 @@ _PAUSE_SECONDS = 1.0  # until the service of a new camera is discovered
 _MAX_CLIENTS = 64
 _MAX_PARAMETERS = 500
 _MAX_NODES = 50
+_MAX_SERVERS = 500  # nodes that are asked for the servers of a service
 _SAVE, _CAPTURE = '/save', '/set_capture'
 _TRIGGER, _SET_BOOL = 'std_srvs/srv/Trigger', 'std_srvs/srv/SetBool'
 _READING: dict[type, str] = {
@@ -80,8 +81,8 @@ class Control:
         """
         services = dict(self.node.get_service_names_and_types())
         self._recorders = sorted(
-            name.removesuffix(_SAVE) for name, types in services.items()
-            if name.endswith(_SAVE) and _TRIGGER in types)[:_MAX_NODES]
+            name for name in {*node_names(self.node)}
+            if _TRIGGER in services.get(name + _SAVE, ()))[:_MAX_NODES]
         self._cameras = {
             name: _has_pause(name, services)
             for name in sorted(set(publishing))[:_MAX_NODES]
@@ -125,12 +126,13 @@ class Control:
 
     async def capture(self, camera: Any, is_on: Any) -> dict[str, Any]:
         """Pause or resume a camera, whose service may be discovered a moment after its node."""
-        if isinstance(camera, str) and self._cameras.get(camera) is False:
-            await self.wait(lambda: self._can_pause(camera), time.monotonic() + _PAUSE_SECONDS)
-            self._cameras[camera] = self._can_pause(camera)
-        self._check(camera, [name for name, can_pause in self._cameras.items() if can_pause])
+        self._check(camera, self._cameras)
+        await self.wait(lambda: self._can_pause(camera), time.monotonic() + _PAUSE_SECONDS)
+        if not self._can_pause(camera):
+            raise RequestError(f'{camera} has no service {camera}{_CAPTURE}: '
+                               'it cannot be stopped from here')
         answer = await self.call(
-            SetBool, _capture_service(camera), SetBool.Request(data=is_on is True))
+            SetBool, camera + _CAPTURE, SetBool.Request(data=is_on is True))
         return {'capture': {'node': camera, 'ok': answer.success,
                             'message': printable(answer.message)}}
 
@@ -155,14 +157,17 @@ class Control:
 
     async def call(self, service_type: Any, name: str, request: Any) -> Any:
         """
-        Call a service.
+        Call a service. One that changes something must have one server, which is the node meant.
 
+        :raises RequestError: several nodes have the service.
         :raises NoAnswerError: the service has not answered.
         """
         client, ready_at = self._client(service_type, name)
         deadline = time.monotonic() + _SECONDS
         await self.wait(
             lambda: time.monotonic() >= ready_at and client.service_is_ready(), deadline)
+        if service_type not in _READING:
+            check_server(self.node, name)
         answer = client.call_async(request)
         await self.wait(answer.done, deadline, answer)
         if not answer.done():
@@ -230,10 +235,36 @@ def _only(answers: Sequence[Any], camera: str) -> Any:
 
 
 def _has_pause(node: str, services: Mapping[str, Sequence[str]]) -> bool:
-    """Return whether a node has its service ``set_capture``."""
-    return _SET_BOOL in services.get(_capture_service(node), ())
+    """Return whether a node has its service ``~/set_capture``."""
+    return _SET_BOOL in services.get(node + _CAPTURE, ())
 
 
-def _capture_service(node: str) -> str:
-    """Return the name of ``set_capture`` in the namespace of a node."""
-    return node.rpartition('/')[0] + _CAPTURE
+def node_names(node: Node) -> list[str]:
+    """Return the full names of all nodes."""
+    return [f'{namespace.rstrip("/")}/{name}'
+            for name, namespace in node.get_node_names_and_namespaces()]
+
+
+def services_of(node: Node, full_name: str) -> dict[str, list[str]]:
+    """Return the services of a node with their types."""
+    namespace, _, name = full_name.rpartition('/')
+    try:
+        return dict(node.get_service_names_and_types_by_node(name, namespace or '/'))
+    except (NodeNameNonExistentError, ValueError):
+        return {}  # it has ended, or its name was not printable
+
+
+def check_server(node: Node, service: str) -> None:
+    """
+    Check that a service has one server; all of them would act, and the first answer would count.
+
+    :raises RequestError: it has several.
+    """
+    count = node.count_services(service)
+    if count < 2:
+        return
+    servers = sorted(printable(name) for name in node_names(node)[:_MAX_SERVERS]
+                     if service in services_of(node, name))
+    raise RequestError(f'{printable(service)} has {count} servers, in the nodes '
+                       f'{enumerated(servers)}: start each with a namespace of its own, such as '
+                       '-r __ns:=/front, or end the others')

@@ -30,8 +30,9 @@ from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.exif import is_sideways, jpeg_orientation, reversed_axes, turn_upright
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
+from opencv_tools.image.picture_formats import MAX_SIDES
 from opencv_tools.image.text import printable
-from opencv_tools.image_codecs import check_complete, convert_image, MAX_SIDES
+from opencv_tools.image_codecs import check_complete, convert_image
 from opencv_tools.viewer.compressed_depth import COMPRESSED_DEPTH, is_compressed_depth
 from opencv_tools.viewer.depth_colors import color_numbers, is_number, measure_image, UNITS
 from opencv_tools.viewer.depth_range import NO_LIMITS, Steady

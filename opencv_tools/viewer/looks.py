@@ -150,7 +150,12 @@ async def _answer(question: _Question) -> _Message:
         raise RequestError('the browser decodes this video, so the node has no pixels of it: '
                            'add quality=90 to the address of the page to get images')
     if channel is None or question.read is None:
-        is_live = channel is not None and not channel.options.held
-        raise RequestError('the node has the frame of this picture no more: '
-                           + ('wait for the next one' if is_live else 'resume the page'))
+        raise RequestError(describe_gone(channel))
     return await channel.stream.in_pool(question.answer, await question.read())
+
+
+def describe_gone(channel: object) -> str:
+    """Return the sentence about a picture whose frame is not kept, and what to do."""
+    is_live = isinstance(channel, Channel) and not channel.options.held
+    return ('the node has the frame of this picture no more: '
+            + ('wait for the next one' if is_live else 'resume the page'))

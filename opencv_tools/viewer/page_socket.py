@@ -52,7 +52,8 @@ _CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Mes
     'capture': lambda control, node, message: control.capture(node, message.get('on')),
     'save': lambda control, node, _: control.save(node),
     'keep': lambda control, wanted, _: recorder_of(control).keep(wanted),
-    'record': lambda control, wanted, _: recorder_of(control).request(wanted),
+    'record': lambda control, wanted, message: recorder_of(control).request(
+        wanted, message.get('since')),
 }
 
 
@@ -145,6 +146,9 @@ class PageSocket(SocketHandler):
             answer = await self._subscribe(name, parse_options(message))
             self._steps.follow(name)
             return answer
+        elif 'file' in message:
+            file: _Message = self.settings['files'].answer(message, self._channels)
+            return file
         elif 'unsubscribe' in message:
             self._unsubscribe(topic_of(message['unsubscribe']))
             self._overlays.forget(topic_of(message['unsubscribe']))

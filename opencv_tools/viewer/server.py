@@ -42,6 +42,7 @@ from opencv_tools.viewer.overlays.sources import OverlaySources
 from opencv_tools.viewer.page_files import read_page
 from opencv_tools.viewer.page_socket import PageSocket
 from opencv_tools.viewer.parameters import ViewerSettings
+from opencv_tools.viewer.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import MAX_MESSAGE_BYTES
 from opencv_tools.viewer.robot.live import LiveRobots
 from opencv_tools.viewer.robot.routes import robot_routes, with_robot_page
@@ -157,7 +158,8 @@ class ViewerServer:
                         partial(PageOverlays, OverlaySources(self._graph.overlays, self._calls)))
             calibrations = Calibrations(hub, self._log)
             robots = LiveRobots(hub, self._graph.robot, self._calls)
-            application = _application(site, calibrations=calibrations, robots=robots)
+            application = _application(
+                site, calibrations=calibrations, robots=robots, files=PictureFiles())
             server = _Server(
                 application, ssl_options=self._tls and self._tls.context,
                 max_header_size=_MAX_HEADER_BYTES, max_body_size=_MAX_BODY_BYTES,

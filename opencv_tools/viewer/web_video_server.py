@@ -28,6 +28,7 @@ from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.graph import NO_STATE
+from opencv_tools.viewer.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.snapshot_file import encode_original
 from opencv_tools.viewer.stream import Stream
@@ -116,7 +117,14 @@ class SnapshotHandler(StreamingHandler):
     """One picture, as JPEG or as the recorder would write it."""
 
     async def get(self) -> None:
-        """Write the next frame; a browser that has not read it is still a viewer."""
+        """Write the frame of a picture, or the next one; who has not read it is still a viewer."""
+        if key := self.get_query_argument('picture', ''):
+            files: PictureFiles = self.settings['files']
+            try:
+                await self.finish(await self._original(*files.take(key)))
+            except RequestError as err:
+                raise Refusal(err) from err
+            return
         is_original = self.get_query_argument('format', 'jpg') == 'original'
         options = self.picture_options()
         async with self.stream(is_original) as stream:
@@ -127,17 +135,21 @@ class SnapshotHandler(StreamingHandler):
         self, stream: Stream, options: PictureOptions, is_original: bool,
     ) -> bytes:
         frame = await self.first_frame(stream)
-        header = frame.message.header
-        self.set_header('X-Timestamp', f'{header.sec}.{header.nanosec:09d}')
         if is_original:
             return await self._original(stream, frame)
+        self._set_stamp(frame)
         picture = await stream.picture(frame, options)
         if isinstance(picture, str):
             raise RequestError(f'the frame cannot be shown: {picture}', 503)
         self.set_header('Content-Type', 'image/jpeg')
         return picture.data
 
+    def _set_stamp(self, frame: NewFrame) -> None:
+        header = frame.message.header
+        self.set_header('X-Timestamp', f'{header.sec}.{header.nanosec:09d}')
+
     async def _original(self, stream: Stream, frame: NewFrame) -> bytes:
+        self._set_stamp(frame)
         try:
             name, content = await stream.in_pool(
                 encode_original, frame.message, stream.name, frame.receive_ns)

@@ -129,6 +129,9 @@ def test_whole_calibration(page: Page, truth: Camera, node: Node) -> None:
     assert bend(rectified) < known / 10 < bend(raw) < known * 1.1
     page.evaluate('document.querySelector("#list button").click()')
     page.wait_for(f'{COUNT} === {count - 1} && {text_of("verdict")}.includes("solve again")')
+    last = page.evaluate('[...document.querySelectorAll("#list button")].at(-1).dataset.number')
+    click(page, 'undo')  # of the view that is shown last, whatever was taken meanwhile
+    page.wait_for(f'{COUNT} === {count - 2} && sent.some((one) => one.delete === {last})')
     click(page, 'restore')
     page.wait_for(f'{text_of("notice")}.startsWith("The former calibration is back")')
     spin_until(node, lambda: infos[-1].k[0] == FORMER)

@@ -237,9 +237,10 @@ def test_node_that_is_killed(
     page.wait_for(f'document.getElementById("state").textContent === "Live" && {IS_ON}')
     assert not page.evaluate(sentence)
     viewer.process.kill()
+    page.wait_for(f'{RECORD}.disabled && {ACCOUNT}.startsWith("No connection: ")')
     token = parse_qs(urlsplit(viewer.url).query)['token'][0]
     start_viewer(control=True, record_dir=folder, port=viewer.port, token=token)
-    page.wait_for(f'{IS_OFF} && {sentence}')
+    page.wait_for(f'{IS_OFF} && !{RECORD}.disabled && {sentence}')
     assert page.evaluate('document.getElementById("recording").hidden')
     assert page.evaluate(f'{RECORD}.checkVisibility()')
 

@@ -30,7 +30,7 @@ import pytest
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 
 Start = Callable[..., NodeProcess]
 
@@ -245,6 +245,21 @@ def test_image_encoding_is_preserved_to_disk(
     assert [message.encoding for message in run.messages] == [kind for kind, _ in kinds.values()]
     assert_equal(pixels(run.messages), expected)
     assert_equal(read_pictures(tmp_path / 'out'), expected)
+
+
+def test_floats_with_a_compressed_reader(start: Start, node: Node, tmp_path: Path) -> None:
+    depth = np.random.default_rng(5).normal(size=(6, 9)).astype(np.float32)
+    cv2.imwrite(str(tmp_path / 'depth.tiff'), depth)
+    node.create_subscription(CompressedImage, '/run/video_frames/compressed', print, 10)
+    run = Run(start, node, source='depth.tiff', encoding="''", on_end='hold', publish_rate=50,
+              max_frames=12, wait_for_subscribers=2)
+    console = finish(node, run)
+    assert [message.encoding for message in run.messages] == ['32FC1'] * 12
+    assert_equal(pixels(run.messages), [depth] * 12)
+    assert re.search(r'Published 12 frames at .* Hz, 0 dropped', console)
+    assert [line.partition(']: ')[2] for line in console.splitlines() if '[WARN]' in line] == [
+        '/run/video_frames/compressed has no frames: an image of 32FC1 is neither gray nor in '
+        'colours, as JPEG is; receive /run/video_frames, with transport:=raw or transport:=auto']
 
 
 @pytest.mark.thorough

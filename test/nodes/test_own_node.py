@@ -354,21 +354,6 @@ def test_function_without_subscribers(start: Start, tmp_path: Path) -> None:
     assert summary and summary[1] == summary[2]
 
 
-def test_filter_whose_results_have_no_compressed_form(
-        start: Start, node: Node, tmp_path: Path) -> None:
-    (tmp_path / 'mine.py').write_text(
-        'import numpy\ndef twice(image):\n    return image[..., :2].astype(numpy.int16)\n')
-    (results,) = receive(node, 'filtered_frames')
-    node.create_subscription(CompressedImage, 'filtered_frames/compressed', pytest.fail, 10)
-    start('img_publisher', source='pattern:64x48@20', publish_rate=0)
-    filtering = start('img_filter', function='mine:twice')
-    spin_until(node, lambda: len(results) > 3)
-    filtering.interrupt()
-    assert filtering.finish() == 0, filtering.output
-    assert ' 0 failed, ' in filtering.output
-    assert filtering.output.count('filtered_frames/compressed is not published: 16SC2') == 1
-
-
 def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
     (results,) = receive(node, 'filtered_frames')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
@@ -396,6 +381,34 @@ def test_functions_of_the_working_folder(
         filtering.interrupt()
         assert filtering.finish() == 1
         assert 'failed' in filtering.output
+
+
+RESULTS = """
+import numpy as np
+count = 0
+
+def vary(image):
+    global count
+    count += 1
+    kind = (np.float32, np.int16, np.uint8)[count % 3]
+    return np.full((4, 6, 2 if kind is np.uint8 else 1), count, kind)
+"""
+
+
+def test_results_without_a_compressed_form(start: Start, node: Node, tmp_path: Path) -> None:
+    (tmp_path / 'mine.py').write_text(RESULTS)
+    (results,) = receive(node, 'filtered_frames')
+    node.create_subscription(CompressedImage, 'filtered_frames/compressed', print, 10)
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
+    filtering = start('img_filter', function='mine:vary', every=True)
+    spin_until(node, lambda: len(results) >= 7)
+    filtering.interrupt()
+    assert filtering.finish() == 0
+    values = [int(image.flat[0]) for image in results.values()]
+    assert values == [*range(values[0], values[0] + len(values))]
+    assert re.search(r'Received \d+ frames at .* Hz: 0 failed', filtering.output)
+    assert sorted(re.findall(r'an image of (\w+) cannot be stored as png', filtering.output)) == [
+        '16SC1', '32FC1', '8UC2']
 
 
 RUN_FILTER = """

@@ -182,19 +182,6 @@ def test_refused_calibration(
     assert '/proc/none/front.yaml cannot be written' in answer.status_message
 
 
-def test_floats_with_a_subscriber_of_compressed_images(
-        start: Start, node: Node, tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / 'depth.tiff'), np.ones((48, 64), np.float32))
-    images = receive(node, Image, 'video_frames')
-    node.create_subscription(CompressedImage, 'video_frames/compressed', pytest.fail, 10)
-    publisher = start('img_publisher', source='depth.tiff', encoding="''", on_end='hold',
-                      publish_rate=30.0, max_frames=20, wait_for_subscribers=2)
-    spin_until(node, lambda: not publisher.is_running())
-    assert publisher.finish() == 0, publisher.output
-    assert 'Published 20 frames at' in publisher.output and ', 0 dropped' in publisher.output
-    spin_until(node, lambda: len(images) == 20)
-
-
 def test_diagnostics(start: Start, node: Node) -> None:
     messages = receive(node, DiagnosticArray, '/diagnostics')
     receive(node, Image, 'video_frames')

@@ -29,7 +29,7 @@ from opencv_tools.calibration.camera_file import read_camera
 from opencv_tools.transport import zero_copy
 from opencv_tools.viewer.calibrate.camera_info import find_service
 from opencv_tools.viewer.calibrate.former import Former, read_former
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import check_server, Control
 from opencv_tools.viewer.errors import RequestError
 import pytest
 from rclpy.node import Node, NodeNameNonExistentError
@@ -123,7 +123,11 @@ def test_whole_calibration(start: Start, url: str, node: Node, tmp_path: Path) -
         await page.send(solve='plumb_bob')
         state = await state_of(other, lambda state: state['result'])
         assert state['result']['rms'] < 0.2
-        await page.send(save=True)
+        number = state['result']['number']
+        for wrong in (True, number + 1, None):
+            await page.send(save=wrong)
+            assert (await page.text('error')).startswith('another result has replaced the one')
+        await page.send(save=number)
         state = await publishing(
             lambda: neighbour.publish(former_info(fx=777.0)),
             state_of(page, lambda state: state['restorable'] and not state['busy']))
@@ -146,7 +150,10 @@ def test_whole_calibration(start: Start, url: str, node: Node, tmp_path: Path) -
     k[:2, 2] = (np.array(truth.size) - 1) - k[:2, 2]
     np.testing.assert_allclose(info.k.reshape(3, 3), k, atol=2.0)
     assert info.distortion_model == 'plumb_bob'
-    answer = run_page(fetch(url, f'/calibrate/camera.yaml?token={TOKEN}&topic={TOPIC}'))
+    path = f'/calibrate/camera.yaml?token={TOKEN}&topic={TOPIC}&result='
+    for wrong in ('2', '', 'first'):
+        assert run_page(fetch(url, path + wrong)).code == 404
+    answer = run_page(fetch(url, f'{path}1'))
     assert answer.headers['Content-Disposition'] == 'attachment; filename="camera.yaml"'
     (tmp_path / 'camera.yaml').write_bytes(answer.body)
     assert read_camera(tmp_path / 'camera.yaml').k == pytest.approx(info.k)
@@ -170,16 +177,16 @@ def test_camera_without_the_service(url: str, node: Node) -> None:
                 lambda shown=picture: camera.publish(shown, 'mono8'),
                 state_of(page, lambda state, wanted=count: len(state['views']) == wanted))
         await page.send(solve='plumb_bob')
-        await state_of(page, lambda state: state['result'])
-        await page.send(save=True)
+        state = await state_of(page, lambda state: state['result'])
+        await page.send(save=state['result']['number'])
         state = await state_of(page, lambda state: 'download' in state['notice'])
         assert state['notice'].startswith(
             'no node that publishes /front/image has the service set_camera_info')
         assert not state['restorable']
         await publishing(lambda: camera.publish(GRAY),
                          state_of(page, lambda state: state['size'] == [64, 48]))
-        await page.send(undo=True)
-        assert await page.text('error') == 'there is no view to remove'
+        await page.send(delete=1)
+        assert (await page.text('error')).startswith('there is no such view')
 
     run_page(act())
 
@@ -320,7 +327,7 @@ def test_values_that_are_wrong(url: str, node: Node) -> None:
     async def act() -> None:
         page = await join(url, '/image')
         await page.text('state')
-        for word in ('board', 'delete', 'undo', 'solve', 'save', 'restore'):
+        for word in ('board', 'delete', 'solve', 'save', 'restore'):
             for value in values:
                 await page.send(**{word: value})
                 if word == 'restore':
@@ -335,6 +342,26 @@ def test_values_that_are_wrong(url: str, node: Node) -> None:
 
     run_page(act())
     camera.destroy()
+
+
+def test_session_of_another_topic_does_not_change(url: str, node: Node) -> None:
+    cameras = [Camera(node, f'{name}/image') for name in ('front', 'rear')]
+
+    async def act() -> None:
+        front, rear = [await join(url, f'/{name}/image') for name in ('front', 'rear')]
+        await rear.send(board=BOARD)
+        before = await state_of(rear, lambda state: state['board'])
+        for message in ({'board': 'chessboard:9x6:25mm'}, {'take': True}, {'delete': 1},
+                        {'solve': 'plumb_bob'}, {'save': 1}, {'resume': True}, {'discard': True},
+                        {'restore': True}):
+            await front.send(**message)
+        await state_of(front, lambda state: 'no former calibration' in state['notice'])
+        again = await open_page(url, '/rear/image')
+        assert await state_of(again, lambda state: True) == before
+
+    run_page(act())
+    for camera in cameras:
+        camera.destroy()
 
 
 def test_message_that_is_too_long(url: str, node: Node) -> None:
@@ -388,8 +415,8 @@ def test_service_of_a_camera(node: Node, camera: Node) -> None:
     node.create_service(SetCameraInfo, '/left/set_camera_info', lambda _, answer: answer)
     spin_until(node, lambda: node.count_services('/left/set_camera_info') == 2)
     with pytest.raises(RequestError, match=r'^/left/set_camera_info has 2 servers, in the nodes '
-                                           r'/front/camera, /plain: end the others'):
-        found('/left/image')
+                                           r'/front/camera, /plain: start each with a namespace'):
+        check_server(node, found('/left/image'))
 
 
 def test_former_calibration_between_those_of_a_neighbour(node: Node, camera: Node) -> None:

@@ -21,7 +21,7 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from conftest import destroy, NodeProcess
+from conftest import destroy, NodeProcess, recorded_files
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue, SetParametersResult
@@ -248,18 +248,57 @@ def test_pause_of_a_camera(start: Start, camera: NodeProcess) -> None:
     run_page(act())
 
 
-def test_saved_frame(start: Start, camera: NodeProcess, tmp_path: Path) -> None:
+def test_one_of_two_cameras(start: Start, odd_camera: OddCamera) -> None:
+    cameras = {name: start('img_publisher', '--ros-args', '-r', f'__node:={name}', '-r',
+                           f'video_frames:=/{name}/image', '--', source='pattern:64x48@10')
+               for name in ('left', 'right')}  # both have /set_capture
     viewer = start('img_viewer', port=0, control='true')
-    start('img_subscriber', mode='on_request', output_dir=tmp_path / 'saved')
 
     async def act() -> None:
         page = await Page.connect(address_of(viewer))
-        await controlled(page, recorders=['/image_subscriber'])
+        await controlled(page, cameras=['/left', '/right', '/odd'])
+        await page.send(parameters='/odd')
+        assert (await page.text('parameters'))['capture'] is False
+        await page.send(capture='/odd', on=False)
+        assert await page.text('capture') == {
+            'node': '/odd', 'name': None, 'ok': False,
+            'message': '/odd has no service /odd/set_capture: it cannot be stopped from here'}
+        await page.send(set='/left', name='jpeg_quality', value=33)
+        assert (await page.text('set'))['ok']
+        qualities = []
+        for name in ('/left', '/right'):
+            await page.send(parameters=name)
+            qualities += [item['value'] for item in (await page.text('parameters'))['parameters']
+                          if item['name'] == 'jpeg_quality']
+        assert qualities == [33, 95]
+        await page.send(capture='/left', on=False)
+        assert await page.text('capture') == {'node': '/left', 'ok': True, 'message': 'paused'}
+        for topic in ('/left/image', '/right/image'):
+            await page.send(subscribe=topic)
+        silent = await page.status(lambda state: state['reason'])
+        running = await page.status(lambda state: state['frames'] > 3)
+        assert (silent['name'], running['name']) == ('/left/image', '/right/image')
+
+    run_page(act())
+    assert {name: camera.output.count('paused') for name, camera in cameras.items()} == {
+        'left': 1, 'right': 0}
+
+
+def test_saved_frame(start: Start, camera: NodeProcess, tmp_path: Path) -> None:
+    viewer = start('img_viewer', port=0, control='true')
+    start('img_subscriber', mode='on_request', output_dir=tmp_path / 'saved')
+    start('img_subscriber', '--ros-args', '-r', '__node:=other', '--', mode='on_request',
+          output_dir=tmp_path / 'other')
+
+    async def act() -> None:
+        page = await Page.connect(address_of(viewer))
+        await controlled(page, recorders=['/image_subscriber', '/other'])
         await page.send(save='/image_subscriber')
         answer = await page.text('save')
         assert answer['ok'], answer
         assert Path(answer['message']) == tmp_path / 'saved' / '000000.png'
         assert Path(answer['message']).exists()
+        assert recorded_files(tmp_path / 'other') == []
 
     run_page(act())
 

@@ -19,7 +19,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
-import io
 import ipaddress
 import itertools
 import json
@@ -41,7 +40,8 @@ import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
 from sensor_msgs.msg import Image
-from viewing import address_of, Camera, fetch, Page, publishing, run_page
+from tornado.httpclient import HTTPResponse
+from viewing import address_of, Camera, fetch, Page, publishing, run_page, ShownPicture
 from waiting import LONGEST_SECONDS, result_of, until
 
 Start = Callable[..., NodeProcess]
@@ -463,18 +463,19 @@ def test_snapshot_in_the_first_lossless_format(
     run_page(ask())
 
 
-def test_snapshot_of_depth_from_an_own_node(viewer: NodeProcess, node: Node) -> None:
-    # A viewer prefers compressed images, which floats do not have.
+def test_snapshots_of_a_publisher_of_floats(viewer: NodeProcess, node: Node) -> None:
     publisher = FramePublisher(node, 'depth')
-    image = np.ones((48, 64, 2), np.float64)
+
+    def publish() -> None:
+        publisher.publish(np.linspace(1, 2, 48, dtype=np.float32).reshape(6, 8))
 
     async def ask() -> None:
         url = address_of(viewer)
-        await until_listed(url, '/depth')
-        answer = await publishing(
-            lambda: publisher.publish(image), fetch(url, '/snapshot?topic=/depth&format=original'))
-        assert answer.code == 200
-        np.testing.assert_array_equal(np.load(io.BytesIO(answer.body)), image, strict=True)
+        await until_listed(url, '/depth')  # also as a compressed topic, until the first frame
+        for name in ('/depth', '/depth', '/depth/compressed'):
+            answer = await publishing(publish, fetch(url, f'/snapshot?topic={name}'))
+            picture = cv2.imdecode(np.frombuffer(answer.body, np.uint8), cv2.IMREAD_UNCHANGED)
+            assert picture.shape[:2] == (6, 8)
 
     run_page(ask())
     publisher.destroy()
@@ -681,3 +682,51 @@ def test_tls(start: Start, tmp_path: Path) -> None:
         refused = start('img_viewer', port=0, token=TOKEN, **given)
         assert refused.finish() == 1
         assert f'cannot be used: {reason}' in refused.output
+
+
+def test_file_of_the_displayed_picture(guarded: NodeProcess, node: Node) -> None:
+    front, rear = Camera(node, '/front'), Camera(node, '/rear')
+    url = address_of(guarded)
+
+    def gray(level: int) -> np.ndarray:
+        return np.full((48, 64, 3), level, np.uint8)
+
+    async def save(page: Page, topic: str, picture: int) -> HTTPResponse:
+        await page.send(file=topic, picture=picture)
+        return await fetch(url, f'{(await page.text("file"))["address"]}&token={TOKEN}')
+
+    async def act() -> None:
+        page = await Page.connect(url)
+        while len(await page.text('topics')) < 2:
+            pass
+        for camera in (front, rear):
+            await page.send(subscribe=camera.publisher.topic_name, looks=True)
+            await camera.seen()
+        shown: dict[str, ShownPicture] = {}
+        for level in (50, 110, 170):
+            for name, camera in (('/front', front), ('/rear', rear)):
+                camera.publish(gray(level + (name == '/rear')))
+                shown[name] = await page.picture()
+        for name in shown:
+            await page.send(subscribe=name, looks=True, held=True)
+        await page.send(ping=1)
+        await page.text('pong')  # the node has read what came before
+        for camera in (front, rear):
+            camera.publish(gray(240))  # while the page is paused
+        await page.send(step='/front', by=-2)
+        earlier = await page.picture()
+        assert (await page.text('step'))['text'].startswith('frame 1 of 3')
+        for name, picture, level, stamp in (
+                ('/front', earlier, 50, '1.000000000'),
+                ('/rear', shown['/rear'], 171, '3.000000000')):
+            answer = await save(page, name, picture.sequence)
+            assert answer.headers['X-Timestamp'] == stamp
+            assert f'{name[1:]}_{stamp}.png' in answer.headers['Content-Disposition']
+            assert np.unique(cv2.imdecode(np.frombuffer(answer.body, np.uint8), 1)) == [level]
+        await page.send(file='/front', picture=shown['/front'].sequence)
+        assert (await page.text('file'))['error'].endswith('no more: resume the page')
+        answer = await fetch(url, f'/snapshot?picture={"0" * 24}&token={TOKEN}')
+        assert (answer.code, answer.body) == (
+            404, b'the frame of this picture is no longer kept: save it again\n')
+
+    run_page(act())

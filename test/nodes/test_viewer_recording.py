@@ -37,7 +37,7 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from stereo_msgs.msg import DisparityImage
-from viewing import address_of, Camera, Page, publishing, run_page
+from viewing import address_of, Camera, Page, publishing, run_page, ShownPicture
 from waiting import until
 
 Start = Callable[..., NodeProcess]
@@ -73,6 +73,7 @@ class Recording:
 
     def __init__(self, page: Page) -> None:
         self.page = page
+        self.since: float | None = None  # of the recording that the page shows
 
     @classmethod
     async def connect(cls, viewer: NodeProcess) -> Recording:
@@ -94,13 +95,22 @@ class Recording:
                 return [listed[name] for name in names]
 
     async def ask(self, wanted: Any) -> dict[str, Any]:
-        await self.page.send(record=wanted)
-        return await self.page.text('record')
+        await self.page.send(record=wanted, since=self.since)
+        while True:
+            message = await self.page.read()
+            if isinstance(message, ShownPicture):
+                await self.page.send(got=message.sequence)
+                continue
+            self.since = message.get('recording', {}).get('since', self.since)
+            if 'record' in message:
+                answer: dict[str, Any] = message['record']
+                return answer
 
     async def state(self, condition: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
         """Read until the account of the recording has a property."""
         while True:
             state = await self.page.text('recording')
+            self.since = state.get('since')
             if condition(state):
                 return state
 
@@ -219,9 +229,7 @@ def test_second_bag_of_a_second(start: Start, node: Node, tmp_path: Path) -> Non
         numbers = await recording.numbers('/image')
         answers = []
         for _ in range(500):
-            await recording.page.send(record=numbers)
-            await recording.page.send(record=False)
-            answers += [await recording.page.text('record'), await recording.page.text('record')]
+            answers += [await recording.ask(numbers), await recording.ask(False)]
         return answers
 
     answers = run_page(act())
@@ -232,6 +240,30 @@ def test_second_bag_of_a_second(start: Start, node: Node, tmp_path: Path) -> Non
     begun = sum(answer['message'] == 'Recording 1 topic' for answer in answers)
     assert begun < 50 and len(recorded_files(folder)) <= begun
     assert viewer.is_running() and 'Traceback' not in viewer.output
+
+
+def test_stop_of_another_recording_is_refused(start: Start, node: Node, tmp_path: Path) -> None:
+    viewer = start('img_viewer', port=0, control='true', record_dir=tmp_path / 'bags')
+    camera = Camera(node, '/image')
+
+    async def act() -> None:
+        late = await Recording.begin(viewer, camera)  # it shows the first recording
+        await late.state(lambda state: state['phase'] == 'recording')
+        other = await Recording.connect(viewer)
+        numbers = await other.numbers('/image')
+        await other.state(lambda state: state['phase'] == 'recording')
+        assert (await other.ask(False))['ok']
+        while not (await other.ask(numbers))['ok']:  # the last one began less than a second ago
+            pass
+        for shown in (late.since, None, 1e9):
+            late.since = shown
+            assert await late.ask(False) == {
+                'node': False, 'name': None, 'ok': False,
+                'message': 'another recording has begun since: look at it, then stop it'}
+        await other.state(lambda state: state['phase'] == 'recording')
+        assert (await other.ask(False))['ok']
+
+    run_page(act())
 
 
 def test_requests_that_are_refused(start: Start, node: Node, tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from functools import partial
 from pathlib import Path
 import re
 from threading import Event
-import time
 
 from conftest import recorded_files
 from opencv_tools.basic_image_subscriber import ImageSubscriber

@@ -24,7 +24,8 @@ from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS
 from opencv_tools.image.errors import CodecError, ImageError
-from opencv_tools.image_codecs import convert_image, decode_image, encode_image, MAX_SIDES
+from opencv_tools.image.picture_formats import MAX_SIDES
+from opencv_tools.image_codecs import convert_image, decode_image, encode_image
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings
 from opencv_tools.recording.naming import FrameMetadata

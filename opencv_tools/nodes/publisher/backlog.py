@@ -21,6 +21,7 @@ from threading import Event
 import time
 
 from opencv_tools.logs import Log
+from opencv_tools.topics.compressed_topic import CompressedTopic
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
@@ -31,6 +32,9 @@ _LOGGED_AFTER_SECONDS = 2.0
 # A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
 # killed subscriber of the image topic stays in the graph for 20 s, and the others wait meanwhile.
 _TIMEOUT_SECONDS = 10.0
+
+#: A publisher whose messages subscribers confirm.
+Confirmed = Publisher | CompressedTopic
 
 
 class Backlog:
@@ -46,16 +50,17 @@ class Backlog:
     """
 
     def __init__(
-        self, log: Log, clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], object] = time.sleep,
+        self, publishers: Iterable[Confirmed], log: Log,
+        clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], object] = time.sleep,
     ) -> None:
         """
         Create an empty backlog.
 
+        :param publishers: publishers of the frame topics.
         :param clock: monotonic clock in seconds.
         :param sleep: waits for a number of seconds of that clock.
         """
-        self._unconfirmed: dict[Publisher, int] = {}
+        self._unconfirmed = dict.fromkeys(publishers, 0)
         self._log = log
         self._clock = clock
         self._sleep = sleep
@@ -67,14 +72,18 @@ class Backlog:
         """End all waits."""
         self._stopped.set()
 
-    def forget(self, publishers: Iterable[Publisher]) -> None:
+    def watch(self, publishers: Iterable[Confirmed]) -> None:
+        """Wait for the subscribers of more publishers."""
+        self._unconfirmed.update(dict.fromkeys(publishers, 0))
+
+    def forget(self, publishers: Iterable[Confirmed]) -> None:
         """Wait no longer for the subscribers of some publishers."""
         for publisher in publishers:
-            self._unconfirmed.pop(publisher, None)
+            del self._unconfirmed[publisher]
 
-    def add(self, publisher: Publisher) -> None:
+    def add(self, publisher: Confirmed) -> None:
         """Count a published message."""
-        self._unconfirmed[publisher] = self._unconfirmed.get(publisher, 0) + 1
+        self._unconfirmed[publisher] += 1
 
     def wait_for_room(self) -> bool:
         """

@@ -75,7 +75,7 @@ class ImageTopics:
         self._log = Log(node.get_logger())
         self._largest = 0  # bytes of the largest frame so far
         #: Messages that reliable subscribers have not confirmed.
-        self.backlog = Backlog(self._log)
+        self.backlog = Backlog((), self._log)
         self._name = resolve_topic(node, topic)
         self._folder = self._name.rpartition('/')[0]
         self._video = video

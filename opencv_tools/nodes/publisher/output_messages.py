@@ -24,7 +24,7 @@ from opencv_tools.image.cdr import (
     compressed_image_to_cdr, WireCompressedImage, WireHeader, WireImage)
 from opencv_tools.image.encodings import declared_encoding, Encoding
 from opencv_tools.image.layout import array_to_wire, view_image
-from opencv_tools.transport.shared_frames.publisher import Lend
+from opencv_tools.topics.frame_topics import Lend
 from opencv_tools.transport.shared_frames.writer import Slot
 
 

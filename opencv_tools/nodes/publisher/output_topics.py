@@ -49,11 +49,15 @@ class OutputTopics:
         """
         self._node = node
         #: Topics of the images.
-        self.frames = FrameTopics(
-            node, topic, video, forget=lambda publisher: backlog.forget([publisher]))
+        self.frames = FrameTopics(node, topic, video)
         self._infos = create_frame_publisher(node, CameraInfo, info_topic)
+        video_topics = self.frames.video
+        self._publishers = (
+            self.frames.images, self.frames.compressed, self._infos,
+            *(video_topics.publishers.values() if video_topics else ()))
         self._backlog = backlog
         self._check_room = check_room
+        backlog.watch(self._publishers)
         #: Whether a subscriber waits for a key frame of a camera that encodes its video.
         self.waits_for_key = False
 
@@ -130,10 +134,7 @@ class OutputTopics:
 
     def destroy(self) -> None:
         """Remove the publishers."""
-        video = self.frames.video
-        self._backlog.forget([
-            self.frames.images, self._infos, *filter(None, [self.frames.compressed.publisher]),
-            *(video.publishers.values() if video else ())])
+        self._backlog.forget(self._publishers)
         self.frames.destroy()
         self._node.destroy_publisher(self._infos)
 
@@ -152,11 +153,11 @@ class OutputTopics:
         return True
 
     def _publish_compressed(self, output: OutputImage, header: WireHeader) -> bool:
-        publisher = self.frames.compressed.publish(
-            output.reason_against_jpeg, lambda: compressed_message(output, header))
-        if publisher:
-            self._backlog.add(publisher)
-        return publisher is not None
+        topic = self.frames.compressed
+        if (self.frames.has_image_subscribers and topic.is_due(output.why_no_jpeg)
+                and topic.publish(lambda: compressed_message(output, header))):
+            self._backlog.add(topic)
+        return topic.count_subscribers() > 0
 
     def _publish_video(self, output: OutputImage, header: WireHeader) -> bool:
         video = self.frames.video

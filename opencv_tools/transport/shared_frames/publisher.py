@@ -38,11 +38,6 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
-#: Lends shared memory for a number of bytes, if it has readers.
-Lend = Callable[[int], Slot | None]
-#: Creates an image message, and returns the lent memory that has its pixels.
-Make = Callable[[Lend], tuple[WireImage, Slot | None]]
-
 # Frames for which /dev/shm must have room; with less, subscribers return to the image topic.
 _SPARE_FRAMES = 2
 _CHECK_SECONDS = 1.0
@@ -91,8 +86,10 @@ class SharedFramePublisher:
         self._announced_only_shared = 0
         self._publisher = zero_copy.publisher_id(images.handle)
         self._identity = publisher_identity(self._publisher, images.topic_name)
+        #: Name of the topic of the announcement.
+        self.topic_name = f'{images.topic_name}{SUFFIX}'
         self._announcements = node.create_publisher(
-            String, f'{images.topic_name}{SUFFIX}',
+            String, self.topic_name,
             QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL),
             # rclpy does not guard events, if one thread destroys them and another waits for them.
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),

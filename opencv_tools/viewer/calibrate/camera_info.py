@@ -22,16 +22,15 @@ from typing import Any
 import numpy as np
 from opencv_tools.calibration.solve import Calibration
 from opencv_tools.image.text import enumerated, printable
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import Control, services_of
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
 
 _TYPE, _SERVICE = 'sensor_msgs/srv/SetCameraInfo', 'set_camera_info'
 _RECTIFIED = 'image_rect'  # begin of the names of image_proc, as in rectified.js of the page
 _MAX_NODES = 50
-_MAX_SERVERS = 500  # nodes that are asked for the servers of a service
 
 
 def check_raw(name: str) -> None:
@@ -90,46 +89,18 @@ def find_service(node: Node, topic: str, nodes: Sequence[str]) -> str:
     It is ``set_camera_info`` in the namespace of the topic, or the only service of this type.
 
     :param nodes: full names of the nodes that publish the topic.
-    :raises RequestError: these nodes have no such service, or several, or another node has a
-        service of the same name.
+    :raises RequestError: these nodes have no such service, or several.
     """
-    found = {service for name in nodes[:_MAX_NODES] for service in _services(node, name)}
+    found = {service for name in nodes[:_MAX_NODES]
+             for service, types in services_of(node, name).items() if _TYPE in types}
     usual = f'{_namespace(topic)}/{_SERVICE}'
     if usual in found or len(found) == 1:
-        service = usual if usual in found else found.pop()
-        _check_server(node, service)
-        return service
+        return usual if usual in found else found.pop()
     if found:
         raise RequestError('the camera has several services for calibrations, and none is '
                            f'{printable(usual)}: {enumerated(sorted(found))}; download the file')
     raise RequestError(f'no node that publishes {printable(topic)} has the service {_SERVICE}: '
                        'download the file and configure the camera with it')
-
-
-def _services(node: Node, full_name: str) -> list[str]:
-    """Return the services of a node that set calibrations."""
-    namespace, _, name = full_name.rpartition('/')
-    try:
-        services = node.get_service_names_and_types_by_node(name, namespace or '/')
-    except (NodeNameNonExistentError, ValueError):
-        return []  # it has ended, or its name was not printable
-    return [service for service, types in services if _TYPE in types]
-
-
-def _check_server(node: Node, service: str) -> None:
-    """
-    Check that a service has one server; the first answer of several ones would count.
-
-    :raises RequestError: it has several.
-    """
-    count = node.count_services(service)
-    if count < 2:
-        return
-    names = {f'{namespace.rstrip("/")}/{name}'
-             for name, namespace in node.get_node_names_and_namespaces()[:_MAX_SERVERS]}
-    servers = sorted(printable(name) for name in names if service in _services(node, name))
-    raise RequestError(f'{printable(service)} has {count} servers, in the nodes '
-                       f'{enumerated(servers)}: end the others, or download the file')
 
 
 def _namespace(topic: str) -> str:

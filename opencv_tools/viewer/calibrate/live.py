@@ -19,6 +19,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from concurrent.futures import Executor
+import itertools
 from typing import Any, Protocol
 
 from opencv_tools.calibration.boards import CalibrationError
@@ -73,6 +74,7 @@ class LiveCalibration:
         self._camera = camera
         self._log = log
         self._solver = Solver()
+        self._numbers = itertools.count(1)  # of the results
         self._work: asyncio.Task[None] | None = None
         self._busy = ''
         self._shown: tuple[object, ...] = ()
@@ -119,15 +121,19 @@ class LiveCalibration:
 
         self._start('solving', begin)
 
-    def save(self) -> None:
+    def save(self, number: Any) -> None:
         """
         Begin to set the calibration of the camera.
 
-        :raises CalibrationError: there is none.
+        :param number: number of the result, which must be the present one.
+        :raises CalibrationError: there is none, or another one has replaced it.
         """
         result = self.session.result
         if result is None:
             raise CalibrationError('there is no result to save: solve first')
+        if type(number) is not int or number != result.number:
+            raise CalibrationError('another result has replaced the one that was shown: look at '
+                                   'it, then save')
         self._start('saving', lambda: self._camera.save(result))
 
     def restore(self) -> None:
@@ -143,7 +149,7 @@ class LiveCalibration:
         calibration, verdict = await self._solver.solve(selection.detections, model)
         if selection is not self.session.selection:
             return 'the views were removed: there is no result'
-        self.session.result = Result(calibration, verdict, numbers)
+        self.session.result = Result(calibration, verdict, numbers, next(self._numbers))
         return f'solved: the calibration is {verdict.word}'
 
     def _start(self, busy: str, begin: Callable[[], Coroutine[Any, Any, str]]) -> None:
@@ -186,10 +192,9 @@ _ACTIONS: dict[str, Callable[[LiveCalibration, Any], None]] = {
     'board': lambda live, text: live.session.choose(text),
     'delete': lambda live, number: live.session.delete(number),
     'take': lambda live, _: live.session.ask(),
-    'undo': lambda live, _: live.session.undo(),
     'discard': lambda live, _: live.session.discard('all views were removed'),
     'resume': lambda live, _: live.session.resume(),
     'solve': lambda live, model: live.solve(model),
-    'save': lambda live, _: live.save(),
+    'save': lambda live, number: live.save(number),
     'restore': lambda live, _: live.restore(),
 }

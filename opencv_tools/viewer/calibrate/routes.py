@@ -83,8 +83,9 @@ class FileHandler(SiteHandler):
             topic = topic_of(self.get_query_argument('topic', None))
             calibrations: Calibrations = self.settings['calibrations']
             result = calibrations.find(topic).session.result
-            if result is None:
-                raise RequestError('there is no result: solve first', 404)
+            if result is None or self.get_query_argument('result', '') != str(result.number):
+                raise RequestError('there is no such result: solve first, or look at the new one',
+                                   404)
         except RequestError as err:
             raise Refusal(err) from err
         name = re.sub('[^A-Za-z0-9_]+', '_', topic.rpartition('/')[0].strip('/'))[:64] or 'camera'

@@ -36,11 +36,13 @@ class Result:
     :param calibration: lens and errors.
     :param verdict: verdict on the lens.
     :param numbers: numbers of the views, in the order of ``calibration.view_errors``.
+    :param number: number of the result among those of the topic.
     """
 
     calibration: Calibration
     verdict: Verdict
     numbers: tuple[int, ...]
+    number: int = 1
 
 
 @dataclass(frozen=True)
@@ -179,16 +181,6 @@ class Session:
             raise CalibrationError('there is no such view: it may have been deleted already')
         self.notice = f'view {self.numbers.index(number) + 1} was deleted'
         self.selection.delete(number)
-
-    def undo(self) -> None:
-        """
-        Remove the last view.
-
-        :raises CalibrationError: there is none.
-        """
-        if not self.selection.views:
-            raise CalibrationError('there is no view to remove')
-        self.delete(self.numbers[-1])
 
     def begin_solution(self) -> None:
         """

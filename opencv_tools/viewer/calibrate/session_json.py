@@ -86,7 +86,8 @@ def _result_json(result: Result) -> dict[str, Any]:
     found = result.calibration
     values = (found.k[0, 0], found.k[1, 1], found.k[0, 2], found.k[1, 2])
     return {
-        'model': found.model, 'views': len(result.numbers), 'rms': _number(found.rms),
+        'number': result.number, 'model': found.model, 'views': len(result.numbers),
+        'rms': _number(found.rms),
         'held_out': _number(found.held_out), 'bend_mm': _number(found.bend * 1000),
         'lens': [{'name': name, 'value': _number(value, 2), 'deviation': _number(deviation)}
                  for name, value, deviation in zip(_LENS, values, found.deviations)],

@@ -25,6 +25,7 @@ const part = (id) => document.getElementById(id);
 /** The result with its verdict, and the buttons to save it. */
 export class Result {
   #shown = '';
+  #number; // of the result that is shown
 
   /**
    * Create an object without a result.
@@ -33,9 +34,9 @@ export class Result {
    * @param query names the topic in an address.
    */
   constructor(send, query) {
-    part('file').href = `/calibrate/camera.yaml?${query}`;
+    this.query = query;
     part('solve').addEventListener('click', () => send({ solve: part('model').value }));
-    part('save').addEventListener('click', () => send({ save: true }));
+    part('save').addEventListener('click', () => send({ save: this.#number }));
     part('restore').addEventListener('click', () => send({ restore: true }));
   }
 
@@ -54,6 +55,8 @@ export class Result {
     const shown = JSON.stringify([result, stale]);
     if (shown === this.#shown || !result) return;
     this.#shown = shown;
+    this.#number = result.number;
+    part('file').href = `/calibrate/camera.yaml?${this.query}&result=${result.number}`;
     if (!stale) part('solution').scrollIntoView({ block: 'nearest' });
     part('verdict').dataset.verdict = result.verdict;
     part('verdict').textContent = `The calibration is ${result.verdict}.`

@@ -20,12 +20,13 @@ const part = (id) => document.getElementById(id);
 export class Views {
   #send;
   #shown = '';
+  #last; // number of the last view of the list
 
   /** @param send sends a message to the session. */
   constructor(send) {
     this.#send = send;
     part('take').addEventListener('click', () => send({ take: true }));
-    part('undo').addEventListener('click', () => send({ undo: true }));
+    part('undo').addEventListener('click', () => send({ delete: this.#last }));
     part('resume').addEventListener('click', () => send({ resume: true }));
     part('discard').addEventListener('click', () => {
       if (confirm('Delete all views and the result?')) send({ discard: true });
@@ -57,6 +58,7 @@ export class Views {
     const shown = JSON.stringify(views);
     if (shown === this.#shown) return;
     this.#shown = shown;
+    this.#last = views.at(-1)?.number;
     const worst = views.reduce((one, { error }) => Math.max(one, error ?? 0), 0);
     part('list').replaceChildren(...views.map((view, place) => row(view, place + 1, worst)));
     part('list').scrollTop = part('list').scrollHeight;

@@ -43,7 +43,7 @@ export class Recording {
   constructor(send, topics, onChange) {
     this.onChange = onChange;
     part('record').addEventListener('click', () => {
-      send({ record: this.#state.phase === '' && topics() });
+      send({ record: this.#state.phase === '' && topics(), since: this.#state.since });
     });
     part('keep').addEventListener('click', () => send({ keep: topics() }));
   }
@@ -56,6 +56,12 @@ export class Recording {
   enable() {
     this.#show({ phase: '' });
     part('record').hidden = part('record-key').hidden = true;
+  }
+
+  /** Say that the state is not known, as the connection is lost. */
+  lose() {
+    part('record').disabled = part('keep').disabled = true;
+    if (this.isOn) part('recording').textContent = 'No connection: nobody knows whether it records';
   }
 
   /** Handle a message of the server that concerns recordings. */
@@ -78,6 +84,7 @@ export class Recording {
     const verb = this.isOn ? 'Recording' : 'Recorded';
     part('record').hidden = part('record-key').hidden = false;
     part('keep').hidden = !state.keeps;
+    part('record').disabled = part('keep').disabled = false;
     part('record').ariaPressed = this.isOn;
     part('recording').hidden = !this.#isSeen || !state.topics;
     if (state.topics) part('recording').textContent = `${verb} ${describe(state)}`;

@@ -15,19 +15,22 @@
 const KEPT_MS = 10000; // the browser has read the file by then
 
 /**
- * Save the newest picture of a topic in the format of the recorder.
+ * Save a picture in the format of the recorder.
  *
- * @returns the name of the file.
- * @throws an error with the sentence of the server.
+ * @param file answer of the server: the address, or the error why there is no file.
+ * @param way how the page shows it.
+ * @returns the sentence about it.
  */
-export async function savePicture(topic) {
-  const answer = await fetch(`/snapshot?topic=${encodeURIComponent(topic)}&format=original`);
-  if (!answer.ok) throw new Error((await answer.text()).trim());
-  const file = /filename="([^"]+)"/.exec(answer.headers.get('Content-Disposition') ?? '');
+export async function savePicture({ address, error }, { turns, isFlipped }) {
+  if (error) return error;
+  const answer = await fetch(address).catch((err) => new Response(err.message, { status: 503 }));
+  if (!answer.ok) return (await answer.text()).trim();
+  const name = /filename="([^"]+)"/.exec(answer.headers.get('Content-Disposition') ?? '');
   const link = document.createElement('a');
   link.href = URL.createObjectURL(await answer.blob());
-  link.download = file ? file[1] : 'picture';
+  link.download = name ? name[1] : 'picture';
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), KEPT_MS);
-  return link.download;
+  const way = turns || isFlipped ? ' as the camera has sent it, neither turned nor flipped' : '';
+  return `Saved ${link.download}${way}`;
 }

@@ -77,6 +77,7 @@ const connection = new Connection({
   },
   disconnected(sentence) {
     mood = 'lost';
+    recording.lose();
     if (sentence) notify(sentence, false);
     show();
   },
@@ -103,6 +104,7 @@ const connection = new Connection({
       if (message[kind]) tiles.get(message[kind].topic)?.[receiver].receive(kind, message[kind]);
     }
     if (message.step) steps.receive(message.step);
+    if (message.file) savePicture(message.file, arrangement.turned(message.file.topic)).then(notify);
     controls.receive(message);
     recording.receive(message);
   },
@@ -402,8 +404,10 @@ function pause() {
   layOut();
 }
 
+/** Save the picture that a tile shows; the next one may be drawn meanwhile. */
 function save(name) {
-  if (name) savePicture(name).then((file) => notify(`Saved ${file}`), (err) => notify(err.message));
+  if (!connection.isOpen) notify('Not saved, because the page has no connection to the node');
+  else if (name) connection.send({ file: name, picture: tiles.get(name).picture });
 }
 
 /** Copy the address of the page, with the token, which the address bar does not show. */

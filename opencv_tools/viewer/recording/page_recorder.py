@@ -96,15 +96,18 @@ class PageRecorder:
         self._topics = topics
         return self._account()
 
-    async def request(self, wanted: Any) -> dict[str, Any]:
+    async def request(self, wanted: Any, since: Any = None) -> dict[str, Any]:
         """
         Start or end a recording, as a page requests.
 
         :param wanted: numbers of the topics to record; False ends the recording.
+        :param since: the time in the account of the recording that ends.
         :returns: the answer for the page.
         :raises RequestError: the request is invalid, or the folder cannot be used.
         """
         if wanted is False:
+            if self._phase == 'recording' and self._recording and since != self._recording.since:
+                raise RequestError('another recording has begun since: look at it, then stop it')
             sentence = await self._stop()
         else:
             sentence = await self._start(topics_of(wanted, self._topics))

@@ -405,8 +405,9 @@ def test_loans_of_several_threads(node: Node, camera: Camera, transport: str) ->
 
     subscriber = FrameSubscriber(
         node, 'camera/image', receive, encoding='', every=True, transport=transport)
-    publishers = (camera.publisher._topics.images, camera.publisher._topics.compressed.publisher)
-    spin_until(node, lambda: any(each.get_subscription_count() for each in publishers))
+    subscribers = (camera.publisher._topics.images.get_subscription_count,
+                   camera.publisher._topics.compressed.count_subscribers)
+    spin_until(node, lambda: any(count() for count in subscribers))
     turns = iter(range(1, 121))
 
     def publish() -> None:

@@ -80,7 +80,7 @@ def log() -> FakeLog:
 @pytest.mark.parametrize('depth', [1, 3, 10])
 def test_room_for_as_many_messages_as_the_depth(log: FakeLog, depth: int) -> None:
     channel = Channel(depth)
-    backlog = Backlog(Log(log), log.clock, log.sleep)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
     for _ in range(depth):
         assert backlog.wait_for_room()
         backlog.add(channel)
@@ -100,7 +100,7 @@ def test_room_for_as_many_messages_as_the_depth(log: FakeLog, depth: int) -> Non
 
 def test_wait_for_each_topic(log: FakeLog) -> None:
     first, second = channels = Channel(2), Channel(1)
-    backlog = Backlog(Log(log), log.clock, log.sleep)
+    backlog = Backlog(channels, Log(log), log.clock, log.sleep)
     first.is_confirmed = True
     for channel in channels:
         backlog.add(channel)
@@ -112,7 +112,7 @@ def test_wait_for_each_topic(log: FakeLog) -> None:
 
 def test_timeout_of_10_s_until_the_next_confirmation(log: FakeLog) -> None:
     channel = Channel(1)
-    backlog = Backlog(Log(log), log.clock, log.sleep)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
     backlog.add(channel)
     assert not backlog.wait_for_room()
     assert log.lines == [(2.0, WAITING_LINE), (10.0, TIMEOUT_LINE)]
@@ -134,7 +134,7 @@ def test_timeout_of_10_s_until_the_next_confirmation(log: FakeLog) -> None:
 
 def test_wait_for_all_messages(log: FakeLog) -> None:
     channel = Channel(10)
-    backlog = Backlog(Log(log), log.clock, log.sleep)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
     assert backlog.wait_for_all()
     backlog.add(channel)
     assert backlog.wait_for_room()
@@ -144,7 +144,7 @@ def test_wait_for_all_messages(log: FakeLog) -> None:
 
 
 def test_shared_frame_is_sent_until_all_readers_have_room(log: FakeLog) -> None:
-    backlog = Backlog(Log(log), log.clock, log.sleep)
+    backlog = Backlog([], Log(log), log.clock, log.sleep)
     times: list[float] = []
 
     def send() -> bool:
@@ -174,7 +174,7 @@ def test_shared_frame_is_sent_until_all_readers_have_room(log: FakeLog) -> None:
 
 def test_messages_wait_for_room_beside_a_reader_without_room(log: FakeLog) -> None:
     channel = Channel(1)
-    backlog = Backlog(Log(log), log.clock, log.sleep)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
     assert not backlog.deliver(lambda: False)
     given_up_at = log.now
     backlog.add(channel)

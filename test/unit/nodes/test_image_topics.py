@@ -38,7 +38,7 @@ from opencv_tools.transport.shared_frames import writer
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 import pytest
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sharing import picture, TOPIC, Viewer
 from std_msgs.msg import Header
 
@@ -87,6 +87,32 @@ def test_awaited_subscribers_of_every_transport(
         subscriber.destroy()
     for receiver in nodes[1:]:
         receiver.destroy_node()
+    topics.close()
+
+
+def test_compressed_topic_follows_the_format(
+        node: Node, camera: Node, capfd: pytest.CaptureFixture[str]) -> None:
+    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    received: list[CompressedImage] = []
+    node.create_subscription(CompressedImage, f'{TOPIC}/compressed', received.append, 10)
+    spin_until(node, topics.has_subscribers)
+
+    def publish(number: int, encoding: str) -> bool:
+        output = OutputImage(CapturedFrame(picture(number, encoding), encoding), OutputSettings())
+        return topics.publish(output, Time(sec=number), 'eye', is_live=False)
+
+    for number, encoding in enumerate(('32FC1', '8UC2', '16UC1', '64FC3')):
+        assert publish(number, encoding)
+        spin_until(node, lambda: not node.count_publishers(f'{TOPIC}/compressed'))
+    assert topics.has_subscribers()  # which wait for a frame that has a JPEG
+    assert topics.backlog.wait_for_all()
+    assert publish(10, 'yuv422')
+    spin_until(node, lambda: topics._topics.compressed._publisher.get_subscription_count() == 1)
+    assert publish(11, 'mono16')
+    assert topics.backlog.wait_for_all()
+    spin_until(node, lambda: bool(received) and received[-1].header.stamp.sec == 11)
+    assert received[-1].format == 'mono8; jpeg compressed mono8'
+    assert capfd.readouterr().err.count('is neither gray nor in colours') == 4
     topics.close()
 
 

@@ -16,8 +16,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from conftest import spin_until
 from opencv_tools.topics.topic_discovery import TopicDiscovery
+from opencv_tools.transport.fastdds import shared_memory
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.video.messages import FFMPEG_PACKET
 import pytest
@@ -29,6 +32,12 @@ from std_msgs.msg import String
 TOPIC = '/video_frames'
 RELIABLE = QoSProfile(depth=10)
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+@pytest.fixture(autouse=True)
+def _no_other_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Hide the nodes of other users of this machine."""
+    monkeypatch.setattr(shared_memory, 'SHARED_MEMORY', tmp_path)
 
 
 @pytest.mark.parametrize(('transport', 'published', 'sentence'), [

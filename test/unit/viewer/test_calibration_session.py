@@ -153,7 +153,7 @@ def test_whole_calibration(session: Session) -> None:
     assert fx['name'] == 'fx' and abs(fx['value'] - truth[0, 0]) < 3
     assert np.shape(found['cells']) == np.shape(found['result']['cells'])
     assert not found['stale']
-    session.undo()
+    session.delete(session.numbers[-1])
     assert session_json(session)['stale']
 
 
@@ -208,12 +208,12 @@ def test_deleted_views(session: Session) -> None:
     _, second, *_, last = session.numbers
     session.delete(second)
     assert session.notice == 'view 2 was deleted'
-    session.undo()
+    session.delete(last)
     assert {second, last} & {*session.numbers} == set()
     session.discard()
     assert session.numbers == ()
-    with pytest.raises(CalibrationError, match='there is no view to remove'):
-        session.undo()
+    with pytest.raises(CalibrationError, match='there is no such view'):
+        session.delete(last)
 
 
 @pytest.mark.parametrize('number', [-1, 99, True, None, '0', [0], 0.0, {}])

@@ -1,0 +1,71 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Picture formats: the types of images that each one stores, and its largest size."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import itertools
+
+from opencv_tools.image.encodings import Encoding
+
+
+def _types(depths: str, channels: str) -> frozenset[str]:
+    return frozenset(f'{depth}C{count}' for depth, count in
+                     itertools.product(depths.split(), channels.split()))
+
+
+_BYTES = _types('8U', '1 3')
+# OpenCV 4.6 cannot read the 64FC3 TIFF that it writes.
+_TIFF = _types('8U 16U', '1 3 4') | _types('32F', '1 3') | _types('64F', '1')
+
+#: OpenCV types that each format stores without conversion. All formats are lossless, except JPEG,
+#: and WebP with a quality.
+CODEC_TYPES = {
+    '.png': _types('8U 16U', '1 3 4'),
+    '.jpg': _BYTES,
+    '.jpeg': _BYTES,
+    '.jpe': _BYTES,
+    '.tif': _TIFF,
+    '.tiff': _TIFF,
+    '.bmp': _BYTES,
+    '.dib': _BYTES,
+    '.webp': _types('8U', '3'),  # with alpha it loses the colours of transparent pixels
+    '.sr': _BYTES,
+    '.ras': _BYTES,
+    '.pgm': _types('8U 16U', '1'),
+    '.ppm': _types('8U 16U', '3'),
+}
+
+#: Longest side in pixels that OpenCV writes, of the formats with a limit; it logs what is longer.
+MAX_SIDES = {**dict.fromkeys(('.jpg', '.jpeg', '.jpe'), 65_500), '.png': 1_000_000,
+             '.webp': 16_383}
+
+
+def why_not_stored(encoding: Encoding, shape: Sequence[int], suffix: str) -> str:
+    """
+    Return why a format cannot store an image; '' if it can.
+
+    :param encoding: generic encoding of the image.
+    :param shape: shape of the image.
+    :param suffix: one of ``CODEC_TYPES``.
+    """
+    if encoding.name not in CODEC_TYPES[suffix]:
+        return f'cannot be stored as {suffix[1:]}'
+    if 0 in shape:
+        return 'is empty and cannot be encoded'
+    limit = MAX_SIDES.get(suffix, max(shape))
+    return (f'is too long for {suffix[1:]}: the limit is {limit} pixels a side'
+            if max(shape[:2]) > limit else '')

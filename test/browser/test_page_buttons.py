@@ -1,0 +1,141 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Each button acts on the thing beside it: of two things, the other one does not change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from chromium import Browser, wait_until
+from conftest import NodeProcess, spin_until
+import cv2
+import numpy as np
+from pages import Camera, numbered_frame, Viewer
+import pytest
+from rclpy.node import Node
+from test_page_arrangement import LATCHED, TILES
+from test_page_steps import open_alone, pause, RawCamera, show_all, TOPIC
+
+pytest_plugins = ['pages']
+
+NOTICE = 'document.getElementById("notice").textContent'
+
+
+def test_picture_that_is_saved(
+        viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser, '&turn=/front:2')
+    browser.call('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(tmp_path))
+    show_all(page, source, 1, 5)
+    pause(page)
+    source.send(6)
+    for key, number in ((',', 4), (',', 3), ('.', 4), (',', 3), (',', 2)):
+        page.press(key)
+        page.wait_for(f'numberOf({TOPIC!r}) === {number}')
+    page.press('s')
+    page.wait_for(f'{NOTICE}.startsWith("Saved front_")')
+    assert page.evaluate(NOTICE).endswith(
+        '_1700000000.200000000.png as the camera has sent it, neither turned nor flipped')
+    saved, = wait_until(lambda: [*tmp_path.glob('*.png')])
+    image = cv2.imread(str(saved))
+    assert np.array_equal(image[:192], numbered_frame(2)[:192])
+    assert page.complaints() == []
+
+
+def test_picture_that_is_not_kept(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = Camera(camera, TOPIC, LATCHED)
+    page = browser.new_page(viewer.url)
+    source.show(page, 1)
+    page.evaluate(f'tileOf({TOPIC!r}).querySelector(".frame").focus()')
+    page.press(' ')
+    page.wait_for(f'sent.at(-1).unsubscribe === {TOPIC!r}')
+    source.publish(2)
+    page.press('s')
+    page.wait_for(f'{NOTICE} === "the node has the frame of this picture no more: '
+                  'resume the page"')
+    page.evaluate('sockets.at(-1).close()')
+    page.press('s')
+    page.wait_for(f'{NOTICE} === "Not saved, because the page has no connection to the node"')
+    assert page.complaints() == []
+
+
+def test_camera_that_is_stopped(
+        start: Callable[..., NodeProcess], start_viewer: Callable[..., Viewer], browser: Browser,
+        camera: Node) -> None:
+    cameras = {name: start('img_publisher', '--ros-args', '-r', f'__node:={name}', '-r',
+                           f'video_frames:=/{name}', '--', source='pattern:64x48@10')
+               for name in ('left', 'right')}
+    camera.declare_parameter('gain', 1)
+    Camera(camera, '/plain', LATCHED).publish(1)
+    viewer = start_viewer(control=True)
+    page = browser.new_page(f'{viewer.url}&topic=/left')
+    buttons = '[...document.querySelectorAll("#controls button")]'
+    page.wait_for(f'{buttons}.map((one) => one.textContent).join() === "Start camera,Stop camera"')
+    assert page.evaluate('document.querySelector("#controls h2").textContent') == '/left'
+    page.evaluate(f'{buttons}[1].click()')
+    page.wait_for(f'{NOTICE} === "paused"')
+    page.wait_for('Boolean(tileOf("/plain") && tileOf("/right"))')
+    page.evaluate('document.getElementById("next").click()')
+    page.wait_for('document.querySelector("#controls h2")?.textContent === "/front/camera"')
+    spin_until(camera, lambda: page.evaluate(
+        'document.querySelectorAll("#controls label").length') > 0)
+    assert page.evaluate(f'{buttons}.length') == 0  # this node has no such service
+    assert [one.output.count('paused') for one in cameras.values()] == [1, 0]
+
+
+def state_of(topic: str) -> str:
+    """Return JavaScript for all that the buttons of a tile change."""
+    # A chart makes all pictures smaller, so that the scale of a whole picture does not count.
+    return ('JSON.stringify([["a", "b", "c", "d"].map((name) => Math.sign(new DOMMatrix('
+            f'tileOf({topic!r}).querySelector("canvas").style.transform)[name])), '
+            f'tileOf({topic!r}).querySelector(".frame").classList.contains("zoomed"), '
+            f'tileOf({topic!r}).querySelector(".chart").hidden, '
+            f'[...tileOf({topic!r}).querySelectorAll("[aria-pressed]")]'
+            '.map((one) => one.ariaPressed)])')
+
+
+@pytest.mark.parametrize('way', ['in', 'one', 'turn', 'flip', 'profile', 'histogram'])
+def test_tile_beside_another_one(
+        way: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for topic in (TOPIC, '/rear'):
+        Camera(camera, topic, LATCHED).publish(7)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}&beside=/rear')
+    page.wait_for(f'factOf({TOPIC!r}, "zoom") && factOf("/rear", "zoom")')
+    for own, other in (('/rear', TOPIC), (TOPIC, '/rear')):
+        page.wait_for_paint()
+        before, others = page.evaluate(state_of(own)), page.evaluate(state_of(other))
+        page.evaluate(f'tileOf({own!r}).querySelector("[data-look={way}]").click()')
+        page.wait_for(f'{state_of(own)} !== {before!r}')
+        assert page.evaluate(state_of(other)) == others
+    assert page.complaints() == []
+
+
+def test_one_of_three_tiles(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for name in 'abc':
+        Camera(camera, f'/{name}', LATCHED).publish(7)
+    page = browser.new_page(viewer.url)
+    page.wait_for(f'{TILES} === "/a,/b,/c"')
+    for topic, name, order, pinned in (
+            ('/b', 'pin', '/b,/a,/c', 'true,false,false'),
+            ('/c', 'pin', '/b,/c,/a', 'true,true,false'),
+            ('/c', 'earlier', '/c,/b,/a', 'true,true,false'),
+            ('/c', 'later', '/b,/c,/a', 'true,true,false'),
+            ('/b', 'hide', '/c,/a', 'true,false')):
+        page.evaluate(f'tileOf({topic!r}).querySelector("[data-arrange={name}]").click()')
+        assert page.evaluate(TILES) == order
+        assert page.evaluate(
+            '[...document.querySelectorAll(".tile:not([hidden]) [data-arrange=pin]")]'
+            '.map((one) => one.ariaPressed).join()') == pinned
