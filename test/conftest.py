@@ -71,8 +71,8 @@ pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sh
 
 # Nothing of the machine decides: a test sets the variables that it needs.
 for _name in tuple(os.environ):
-    if re.fullmatch('(?i)ROS_(?!DISTRO|VERSION|PYTHON_VERSION).*|(RMW|RCUTILS|FASTDDS|FASTRTPS)_.*|'
-                    '(LANG|LC_).*|.*_proxy', _name):
+    if re.fullmatch('(?i)ROS_(?!DISTRO|VERSION|PYTHON_VERSION).*|RMW_.*|RCUTILS_.*|'
+                    'FAST(DDS|RTPS)_.*|(LANG|LC_).*|.*_proxy', _name):
         del os.environ[_name]
 os.environ.update(LANG='C.UTF-8', TZ='UTC')
 time.tzset()
