@@ -171,8 +171,6 @@ lint: .venv/dev
 test-changed: .venv/dev
 	@$(call in_venv,.venv) python test/changed.py
 
-# These tests wait even more.
-test-slow: WORKERS ?= 8
 test-slow: .venv/dev
 	@$(call in_venv,.venv) python -m pytest --quiet -m thorough \
 	  $(call workers,$(call in_venv,.venv),$(WORKERS))
@@ -191,8 +189,9 @@ test-docs: .venv/installed
 
 endif
 
-test-thorough: .venv/dev
-	@$(call in_venv,.venv) python test/thorough.py $(GROUPS)
+# In an environment with ROS, the groups would use that one. .venv is not made by several at once.
+test-thorough: $(if $(sourced),,.venv/dev .venv/installed)
+	@$(PYTHON) test/thorough.py $(GROUPS)
 
 # The form of the package, bags, queues, signals and requests do not depend on the versions of numpy
 # and OpenCV.
