@@ -354,7 +354,9 @@ def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
     """Reserve a domain for a test that starts processes; one that has none can create no node."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
     # Kept between runs for the fonts that matplotlib looks for.
-    monkeypatch.setenv('HOME', str(request.config.cache.mkdir('home')))
+    home = request.config.rootpath / '.pytest_cache' / 'home'
+    home.mkdir(parents=True, exist_ok=True)
+    monkeypatch.setenv('HOME', str(home))
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     monkeypatch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
     if request.node.get_closest_marker('process'):

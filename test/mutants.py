@@ -86,7 +86,7 @@ def is_killed(folder: Path, tests: list[str]) -> bool:
     environment = {**os.environ, 'PYTHONPATH': str(folder), 'PYTHONDONTWRITEBYTECODE': '1'}
     try:
         return subprocess.run(
-            [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider', '-m',
+            [sys.executable, '-m', 'pytest', '-x', '-q', '-m',
              'not linter and not thorough', *tests], cwd=folder, env=environment,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_SECONDS,
             check=False).returncode != 0
