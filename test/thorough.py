@@ -37,6 +37,7 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / 'test' / 'unsteady.md'
 LOGS = ROOT / 'build' / 'thorough'
 AT_ONCE = 3  # most of them wait for one process
+_WORKERS = '4'  # of a group, as others run beside it
 MOST_UNSTEADY = 3
 _FAILED = re.compile(
     r'^(?:FAILED|ERROR) (test/\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - .*)?$', re.MULTILINE)
@@ -49,7 +50,7 @@ def run(group: str, only: Sequence[str] = ()) -> tuple[int, str]:
     :returns: exit status and output.
     """
     LOGS.mkdir(parents=True, exist_ok=True)
-    environment = dict(os.environ)
+    environment = {'WORKERS': _WORKERS, **os.environ}
     if only:
         names = LOGS / f'{group}.only'
         names.write_text('\n'.join(only))
