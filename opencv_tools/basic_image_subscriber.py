@@ -100,7 +100,6 @@ class ImageSubscriber(ClosableNode):
         if self._timeout_timer:
             self._timeout_timer.reset()
         topic = self.subscription.topic_name
-        self._session.count_missed(self._lost()['lost'], self._unreadable)
         try:
             frame = (self._bag_messages.frame(received, topic) if self._bag_messages
                      else self._converter.convert(
@@ -164,7 +163,6 @@ class ImageSubscriber(ClosableNode):
         """Count and log a message that cannot be recorded."""
         self._unreadable += 1
         self._failure_log.bad_frame(f'message not recorded: {err}')
-        self._session.count_missed(self._lost()['lost'], self._unreadable)
         self._progress.tick('unreadable message', **self._lost())
 
     def _lost(self) -> dict[str, int]:

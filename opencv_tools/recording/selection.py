@@ -98,9 +98,6 @@ class Selection:
         self._limits = Limits() if limits.ring else limits
         self._seen = 0
         self._counted = 0
-        self._counts_missed = not max_rate  # otherwise the next frame replaces one that is missed
-        self._lost_before = 0
-        self._missed = 0
         self._monotonic = monotonic
         self._began_at: float | None = None
 
@@ -116,8 +113,8 @@ class Selection:
 
     @property
     def is_over(self) -> bool:
-        """Return whether the maximum number of frames was counted, or can no longer come."""
-        return 0 < self._limits.max_frames <= self._counted + self._missed
+        """Return whether the maximum number of frames was counted."""
+        return 0 < self._limits.max_frames <= self._counted
 
     def selects(self, frame: ReceivedFrame) -> bool:
         """Return whether a received frame is to be recorded."""
@@ -127,19 +124,6 @@ class Selection:
     def count(self) -> None:
         """Count a frame that is put into the queue, whether it is written or dropped later."""
         self._counted += 1
-
-    def count_missed(self, lost: int, unreadable: int) -> None:
-        """
-        Count frames that can no longer come, as many as would have been selected.
-
-        :param lost: number of frames that were lost in transit until now. Those before the first
-            frame do not count.
-        :param unreadable: number of messages that could not be read until now.
-        """
-        if not self._seen:
-            self._lost_before = lost
-        if self._counts_missed:
-            self._missed = (lost - self._lost_before + unreadable) // self._every_n
 
     def is_late(self) -> bool:
         """Return whether the maximum duration since the first call has passed."""

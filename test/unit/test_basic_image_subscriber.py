@@ -24,11 +24,9 @@ from threading import Event
 
 from conftest import recorded_files
 from opencv_tools.basic_image_subscriber import ImageSubscriber
-from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.recording.image_sink import ImageSink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.topics.subscription import Account, FrameSubscription
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -126,50 +124,6 @@ def test_dropped_frames_count_for_max_frames(
     assert re.search(r'Received 6 frames .* 3 written .*, 3 dropped, 0 failed, 0 lost in transit',
                      capfd.readouterr().err)
     assert len(recorded_files(tmp_path)) == 3
-
-
-def test_unreadable_messages_count_for_max_frames(
-        create: Create, camera: Node, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    publisher = camera.create_publisher(Image, TOPIC, 10)
-    subscriber, executor = create(max_frames=3)
-    wait_until_matched(publisher, subscriber)
-    for message in (IMAGE, Image(height=1, width=1, encoding='mono8', step=0), IMAGE):
-        publisher.publish(message)
-    spin_until_done(subscriber, executor)
-    assert subscriber.close() == 1
-    assert re.search(r'Received 3 frames .* 2 written .*, 0 dropped, 1 failed, 0 lost in transit',
-                     capfd.readouterr().err)
-    assert len(recorded_files(tmp_path)) == 2
-
-
-def test_frames_lost_in_transit_count_for_max_frames(
-        create: Create, camera: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-        capfd: pytest.CaptureFixture[str]) -> None:
-    class Accounts:
-        received = 0
-
-        def __call__(self, _: object) -> Account:
-            return Account(skipped=0, lost=7 + 10 * (self.received >= 2), is_complete=True)
-
-    accounts = Accounts()
-    record = RecordingSession.record
-
-    def count(*arguments: object) -> None:
-        record(*arguments)
-        accounts.received += 1
-
-    monkeypatch.setattr(RecordingSession, 'record', count)
-    monkeypatch.setattr(FrameSubscription, 'account', property(accounts))
-    publisher = camera.create_publisher(Image, TOPIC, 10)
-    subscriber, executor = create(max_frames=12)
-    wait_until_matched(publisher, subscriber)
-    for _ in range(3):
-        publisher.publish(IMAGE)
-    spin_until_done(subscriber, executor)
-    assert subscriber.close() == 0
-    assert re.search(r'Received 3 frames .* 2 written .*, 17 lost in transit, 1 skipped as '
-                     'requested', capfd.readouterr().err)  # 7 were lost before the first frame
-    assert len(recorded_files(tmp_path)) == 2
 
 
 class DescribingSubscriber(ImageSubscriber):

@@ -86,8 +86,8 @@ class RecorderSettings(NodeSettings):
     max_rate: float = rate_parameter(
         0.0, 'Maximum rate of the written frames in Hz; 0 for no limit', MAX_RATE, ends=True)
     max_frames: int = parameter(
-        0, 'Number of frames after which the node exits, whether they are written, dropped, '
-        'failed or lost in transit; 0 for no limit',
+        0, 'Number of frames after which the node exits, whether they are written, dropped '
+        'or failed; 0 for no limit',
         bounds=(0, 10**9), ends=True)
     max_duration: float = parameter(
         0.0, 'Duration of the recording in seconds, counted from the first frame or message of '

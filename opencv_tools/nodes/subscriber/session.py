@@ -94,13 +94,6 @@ class RecordingSession:
         if selection.is_over:
             self._end()
 
-    def count_missed(self, lost: int, unreadable: int) -> None:
-        """Count frames that can no longer come; parameters as for ``Selection``."""
-        if not self.requests:
-            self._selection.count_missed(lost, unreadable)
-            if self._selection.is_over:
-                self._end()
-
     def record_messages(self, batch: MessageBatch, on_done: OnDone) -> None:
         """Record messages of other topics, until the maximum duration; thread-safe."""
         if self._is_late():

@@ -99,37 +99,6 @@ def test_selection_ends_at_max_frames() -> None:
     assert not ring.is_over
 
 
-@pytest.mark.parametrize(('every_n', 'max_rate', 'missed', 'is_over'), [
-    (1, 0.0, (5, 0), False),  # lost before the first frame
-    (1, 0.0, (6, 0), True), (1, 0.0, (5, 1), True), (1, 0.0, (1005, 7), True),
-    (3, 0.0, (7, 0), False), (3, 0.0, (8, 0), True), (3, 0.0, (6, 2), True),
-    (1, 9.0, (1005, 7), False)])
-def test_frames_that_cannot_come_count_for_max_frames(
-        every_n: int, max_rate: float, missed: tuple[int, int], is_over: bool) -> None:
-    selection = Selection(every_n, max_rate, Limits(max_frames=3))
-    selection.count_missed(2, 0)
-    selection.count_missed(5, 0)
-    for number in range(2 * every_n):
-        if selection.selects(frame(0, number * NANO)):
-            selection.count()
-    assert not selection.is_over
-    selection.count_missed(*missed)
-    assert selection.is_over == is_over
-
-
-@pytest.mark.parametrize(('count', 'every_n', 'lost'), [
-    (30, 1, 7), (30, 3, 1), (30, 3, 2), (30, 3, 3), (1000, 7, 333), (8, 5, 8)])
-def test_losses_end_a_recording_of_all_that_is_published(
-        count: int, every_n: int, lost: int) -> None:
-    selection = Selection(every_n, 0.0, Limits(max_frames=count // every_n))
-    for number in range(count - lost):
-        selection.count_missed(0, min(lost, number))
-        if selection.selects(frame(0, number)):
-            selection.count()
-    selection.count_missed(0, lost)
-    assert selection.is_over
-
-
 def test_duration_begins_with_the_first_frame() -> None:
     times = iter([0.0, 1.0, 1.9, 2.0])
     selection = Selection(1, 0.0, Limits(max_seconds=2.0), lambda: next(times))
