@@ -262,6 +262,7 @@ def _no_unmarked_process(
     monkeypatch.setattr(subprocess.Popen, '__init__', _start)
 
 
+@pytest.hookimpl(optionalhook=True)  # there may be no xdist
 def pytest_xdist_setupnodes(config: pytest.Config, specs: list[Any]) -> None:
     """Start each worker in namespaces of its own, apart from all other nodes of this machine."""
     reason = own_namespaces.reason_against()
