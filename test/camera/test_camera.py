@@ -681,9 +681,7 @@ def test_frame_in_use_after_its_camera_was_closed() -> None:
         assert source.wait(LONGEST_SECONDS)
         image = source.read().image
         pixels = image.copy()
-        for _ in range(20):  # the driver fills its other buffers
-            assert source.wait(LONGEST_SECONDS)
-            source.read()
+        pause(1.0)  # the driver fills its other buffers
         assert np.array_equal(image, pixels)
     finally:
         source.close()
@@ -704,11 +702,9 @@ def test_time_of_the_publisher_for_a_frame(start: Start, tmp_path: Path) -> None
         publisher = start('img_publisher', source=0, width=1280, height=720, fourcc='YUYV',
                           publish_rate=0, encoding=encoding, wait_for_subscribers=1)
         publisher.wait_for('Publishing video frame 1:')
-        publisher.wait_until(lambda _: published(publisher) > 50,  # noqa: B023
-                             'frame 50')
+        pause(3.0)
         begun, first = processor_seconds(publisher.pid), published(publisher)
-        publisher.wait_until(lambda _: published(publisher) > first + 200,  # noqa: B023
-                             '200 more frames')
+        pause(10.0)
         seconds, count = processor_seconds(publisher.pid) - begun, published(publisher) - first
         for process in (subscriber, publisher):
             process.interrupt()
