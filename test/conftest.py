@@ -69,15 +69,6 @@ collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.
 pytest.register_assert_rewrite('child_processes', 'pages', 'pair_processes', 'sharing')
 
-# Nothing of the machine decides: a test sets the variables that it needs.
-for _name in tuple(os.environ):
-    if re.fullmatch('(?i)ROS_(?!DISTRO|VERSION|PYTHON_VERSION).*|RMW_.*|RCUTILS_.*|'
-                    'FAST(DDS|RTPS)_.*|(LANG|LC_).*|.*_proxy', _name):
-        del os.environ[_name]
-os.environ.update(LANG='C.UTF-8', TZ='UTC')
-time.tzset()
-os.umask(0o022)
-
 # Processes inherit that a signal is ignored, as in the background of a script. Tests send them.
 for _number in END_SIGNALS:
     if signal.getsignal(_number) is signal.SIG_IGN:
@@ -240,6 +231,17 @@ def executable(name: str) -> str:
         pass
     beside = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get('PATH', '')))
     return str(shutil.which(name, path=beside))
+
+
+def pytest_configure() -> None:
+    """Remove what the user's environment decides; a test sets the variables that it needs."""
+    for name in tuple(os.environ):
+        if re.fullmatch('(?i)ROS_(?!DISTRO|VERSION|PYTHON_VERSION).*|RMW_.*|RCUTILS_.*|'
+                        'FAST(DDS|RTPS)_.*|(LANG|LC_).*|.*_proxy', name):
+            del os.environ[name]
+    os.environ.update(LANG='C.UTF-8', TZ='UTC')
+    time.tzset()
+    os.umask(0o022)
 
 
 @pytest.fixture(autouse=True)
