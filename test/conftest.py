@@ -37,6 +37,7 @@ import time
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
+import clean_environment  # noqa: F401 (it changes the environment)
 import cv2
 import hypothesis
 import numpy as np
@@ -231,17 +232,6 @@ def executable(name: str) -> str:
         pass
     beside = os.pathsep.join((str(Path(sys.executable).parent), os.environ.get('PATH', '')))
     return str(shutil.which(name, path=beside))
-
-
-def pytest_configure() -> None:
-    """Remove what the user's environment decides; a test sets the variables that it needs."""
-    for name in tuple(os.environ):
-        if re.fullmatch('(?i)ROS_(?!DISTRO|VERSION|PYTHON_VERSION).*|RMW_.*|RCUTILS_.*|'
-                        'FAST(DDS|RTPS)_.*|(LANG|LC_).*|.*_proxy', name):
-            del os.environ[name]
-    os.environ.update(LANG='C.UTF-8', TZ='UTC')
-    time.tzset()
-    os.umask(0o022)
 
 
 @pytest.fixture(autouse=True)
