@@ -43,25 +43,29 @@ _FAILED = re.compile(
     r'^(?:FAILED|ERROR) (test/\S+?\.py(?:::\w+)*(?:\[.*?\])?)(?: - .*)?$', re.MULTILINE)
 
 
-def run(group: str, only: Sequence[str] = ()) -> tuple[int, str]:
+def run(group: str, only: Sequence[str] = (), is_alone: bool = False) -> tuple[int, str]:
     """
-    Run a group, or only some of its tests with one worker.
+    Run a group.
 
+    :param only: tests to run; all if it is empty.
+    :param is_alone: whether this is the second run, with one worker.
     :returns: exit status and output.
     """
     LOGS.mkdir(parents=True, exist_ok=True)
     environment = {'WORKERS': _WORKERS, **os.environ}
+    if is_alone:
+        environment['WORKERS'] = '1'
     if only:
         names = LOGS / f'{group}.only'
         names.write_text('\n'.join(only))
-        environment.update(OPENCV_TOOLS_ONLY=str(names), WORKERS='1')
+        environment['OPENCV_TOOLS_ONLY'] = str(names)
     began = time.monotonic()
     finished = subprocess.run(
         ['make', '--no-print-directory', group], cwd=ROOT, env=environment, text=True,
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
         errors='replace')
-    (LOGS / f'{group}{".again" if only else ""}.log').write_text(finished.stdout)
-    print(f'{group}{" again" if only else ""}: status {finished.returncode} after '
+    (LOGS / f'{group}{".again" if is_alone else ""}.log').write_text(finished.stdout)
+    print(f'{group}{" again" if is_alone else ""}: status {finished.returncode} after '
           f'{time.monotonic() - began:.0f} s', flush=True)
     return finished.returncode, finished.stdout
 
@@ -97,12 +101,12 @@ def main() -> int:
         print(f'\n=== {group}\n{output}' if status else '', end='', flush=True)
         if status:
             names = failed_tests(output)
-            again, text = run(group, names) if names else (status, '')
+            again, text = run(group, names, is_alone=True)  # all, if it ended without a summary
             if again:
                 print(f'\n=== {group} again\n{text}')
                 failed += names or [group]
             else:
-                unsteady += names
+                unsteady += names or [group]
     page = PAGE.read_text()
     reason = verdict(unsteady, page)
     date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
