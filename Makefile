@@ -2,7 +2,7 @@
 # make lint          check the source: ruff, flake8, pep257, mypy, copyright, package.xml
 # make test          build the package with colcon and run its quick tests
 # make test-changed  run the quick tests that the difference from main reaches
-# make test-thorough run all targets from test-slow to test-arm64, three at a time
+# make test-thorough run all targets from test-slow to test-arm64, two at a time
 # make unit          run the tests that start no process, in less than a minute
 # make test-slow     run the tests that take long: many killed processes, large frames, many pairs
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04

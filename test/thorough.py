@@ -36,7 +36,7 @@ import time
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / 'test' / 'unsteady.md'
 LOGS = ROOT / 'build' / 'thorough'
-AT_ONCE = 3  # most of them wait for one process
+AT_ONCE = 2  # with three, tests in a browser waited for pictures for minutes
 _WORKERS = '4'  # of a group, as others run beside it
 MOST_UNSTEADY = 3
 _FAILED = re.compile(

@@ -270,5 +270,5 @@ def stop_for_five_large_frames(counter: NodeProcess, send: NodeProcess) -> tuple
 @pytest.mark.process
 def test_subscriber_stopped_for_five_large_frames(
         count: Count, send: NodeProcess) -> None:
-    stops = (stop_for_five_large_frames(count('ours'), send) for _ in range(20))
+    stops = (stop_for_five_large_frames(count('ours'), send) for _ in range(200))
     assert next(frames for seconds, frames in stops if seconds < GIVEN_UP_SECONDS) == 5
