@@ -23,7 +23,7 @@ other file of the package reaches the tests of its part, or all tests.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 import re
@@ -88,14 +88,14 @@ def imports(path: Path) -> frozenset[Path]:
     return frozenset(map(file_of, names)) - {Path(), path}
 
 
-def closure(path: Path, direct: Callable[[Path], Iterable[Path]] = imports) -> set[Path]:
+def closure(path: Path) -> set[Path]:
     """Return a file and all that it imports, directly or through others."""
     found, waiting = set[Path](), [path]
     while waiting:
         file = waiting.pop()
         if file not in found:
             found.add(file)
-            waiting += direct(file)
+            waiting += imports(file)
     return found
 
 
