@@ -52,6 +52,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
+from rclpy.timer import Timer
 from waiting import LONGEST_SECONDS, pause, status_of, wait_until, work_of
 
 #: Python that prints the peak memory of its process in KB. ru_maxrss begins with the parent's.
@@ -470,14 +471,25 @@ def tell(capsys: pytest.CaptureFixture[str]) -> Callable[[str], None]:
     return _tell
 
 
+class CountingExecutor(SingleThreadedExecutor):
+    """An executor that counts the callbacks it has found ready, except those of timers."""
+
+    ready = 0
+
+    def wait_for_ready_callbacks(self, *arguments: Any, **keywords: Any) -> Any:
+        found = super().wait_for_ready_callbacks(*arguments, **keywords)
+        self.ready += not isinstance(found[1], Timer)
+        return found
+
+
 @contextmanager
-def executor_of(node: Node) -> Iterator[SingleThreadedExecutor]:
+def executor_of(node: Node) -> Iterator[CountingExecutor]:
     """
     Create an executor of a node for a while.
 
     One that ends by an exception of a callback uses the node until it is shut down.
     """
-    executor = SingleThreadedExecutor(context=node.context)
+    executor = CountingExecutor(context=node.context)
     executor.add_node(node)
     try:
         yield executor
@@ -487,8 +499,13 @@ def executor_of(node: Node) -> Iterator[SingleThreadedExecutor]:
 
 def spin_until(node: Node, condition: Callable[[], bool], name: str = 'the condition',
                **counters: Callable[[], object]) -> None:
-    """Spin a node until a condition holds; see `waiting.Watch`."""
+    """
+    Spin a node until a condition holds; see `waiting.Watch`.
+
+    Without a counter, what the node receives must not stand still.
+    """
     with executor_of(node) as executor:
+        counters = counters or {'received': lambda: executor.ready}
         wait_until(condition, name, partial(executor.spin_once, timeout_sec=0.05), **counters)
 
 

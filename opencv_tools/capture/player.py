@@ -124,9 +124,12 @@ class Pacer:
         """
         Set another interval after the last frame; the next one is due now if it has passed.
 
+        The first frame is due at once with any interval.
+
         :param interval: seconds from the last frame to the next.
         """
-        self._due = max(self._last + interval, self._clock.monotonic())
+        if self._last:
+            self._due = max(self._last + interval, self._clock.monotonic())
 
     def restart(self) -> None:
         """Make the next frame due now."""

@@ -25,7 +25,9 @@ import subprocess
 import sys
 from threading import Event, Thread
 
+from conftest import spin_until
 import pytest
+from rclpy.node import Node
 from stepped_clock import BEGAN, SteppedClock
 import waiting
 from waiting import wait_until, work, work_of
@@ -149,14 +151,17 @@ def stands_still(counter: Callable[[], int]) -> bool:
     return any(first == second for first, second in pairwise(counts))
 
 
-def test_work_of_another_thread(computing_thread: Callable[[], None]) -> None:
+def test_work_of_another_thread(
+        computing_thread: Callable[[], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(waiting, '_COUNTED_TICKS', 1)
     computing_thread()
     assert stands_still(work)
     computing_thread()
 
 
 @pytest.mark.process
-def test_work_of_a_grandchild() -> None:
+def test_work_of_a_grandchild(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(waiting, '_COUNTED_TICKS', 1)
     with subprocess.Popen([sys.executable, '-c', GRANDPARENT], text=True,
                           stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin and process.stdout and process.stdout.readline()
@@ -171,3 +176,13 @@ def test_work_of_a_grandchild() -> None:
         _, ended = waiting.communicate(process, '')
         assert ended is None and process.returncode == 0
     assert work() >= all_before + 9  # the work of an ended process counts still
+
+
+def test_node_that_receives_nothing(node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock, timers = SteppedClock(), list[float]()
+    node.create_timer(0.001, lambda: timers.append(clock.now))
+    with monkeypatch.context() as patched:
+        patched.setattr(waiting, 'time', clock)
+        with pytest.raises(AssertionError, match='image did not come in 60 s; .*: received = 0$'):
+            spin_until(node, lambda: clock.step_to(clock.now + 0.5), 'the image')
+    assert len(timers) > 10

@@ -32,6 +32,7 @@ LONGEST_SECONDS = 600.0  # that any wait may last
 _POLL_SECONDS = 0.01
 _LOOK_SECONDS = 1.0  # between looks at the counters
 _TICK = os.sysconf('SC_CLK_TCK')
+_COUNTED_TICKS = _TICK  # idle threads of Fast DDS take a tick now and then, a second in minutes
 _T = TypeVar('_T')
 
 
@@ -73,18 +74,23 @@ def _tree(process: int) -> list[int]:
     return found
 
 
-def work_of(process: int) -> int:
+def _ticks_of(process: int) -> int:
     """Return the processor time in ticks of a process and of its descendants."""
     return sum(_ticks(Path(f'/proc/{one}/stat')) for one in _tree(process))
 
 
+def work_of(process: int) -> int:
+    """Return the whole seconds of work of a process and of its descendants."""
+    return _ticks_of(process) // _COUNTED_TICKS
+
+
 def work() -> int:
-    """Return the processor time in ticks of other threads and of child processes, ended or not."""
+    """Return the whole seconds of work of other threads and of child processes, ended or not."""
     own, ended = os.getpid(), os.times()
     return (sum(_ticks(task / 'stat') for task in Path('/proc/self/task').iterdir()
                 if task.name != str(threading.get_native_id()))
             + round((ended.children_user + ended.children_system) * _TICK)
-            + work_of(own) - _ticks(Path(f'/proc/{own}/stat')))
+            + _ticks_of(own) - _ticks(Path(f'/proc/{own}/stat'))) // _COUNTED_TICKS
 
 
 class Watch:

@@ -100,6 +100,17 @@ def test_pacer_does_not_catch_up_after_a_delay(clock: SteppedClock) -> None:
     assert pacer.is_due()
 
 
+@pytest.mark.parametrize('interval', [0.0, 1.0, 1000.0])
+def test_first_frame_is_due_at_once_with_any_interval(
+        clock: SteppedClock, interval: float) -> None:
+    pacer = Pacer(clock)
+    pacer.change(interval)  # the clock of a machine counts from its start, which may be later
+    assert pacer.is_due()
+    pacer.advance(interval)
+    clock.step_to(BEGAN + interval)
+    assert pacer.is_due()
+
+
 def test_late_reader_gets_one_frame_at_once(clock: SteppedClock) -> None:
     shown = []
     for frame in play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=6).frames():
