@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Count the seeded mutants of a module that tests kill: python mutants.py MODULE TEST... [--count N].
+Count the seeded mutants of a module that tests kill: mutants.py MODULE TEST... [--count N].
 
 A mutant is the module with one change: another comparison, operator, number or truth value, or a
 statement that is left out. It is killed if a test fails. Living mutants are printed.
@@ -81,14 +81,13 @@ def mutants(text: str, count: int, seed: int) -> Iterator[tuple[str, str]]:
         yield f'line {line}, {kind}: {before}', ast.unparse(ast.fix_missing_locations(mutant))
 
 
-def is_killed(folder: Path, tests: list[str]) -> bool:
-    """Return whether a test fails in a copy of the repository."""
+def is_killed(folder: Path, marks: str, tests: list[str]) -> bool:
+    """Return whether a test with such marks fails in a copy of the repository."""
     environment = {**os.environ, 'PYTHONPATH': str(folder), 'PYTHONDONTWRITEBYTECODE': '1'}
     try:
         return subprocess.run(
-            [sys.executable, '-m', 'pytest', '-x', '-q', '-m',
-             'not linter and not thorough', *tests], cwd=folder, env=environment,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_SECONDS,
+            [sys.executable, '-m', 'pytest', '-x', '-q', '-m', marks, *tests],
+            cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_SECONDS,
             check=False).returncode != 0
     except subprocess.TimeoutExpired:
         return True
@@ -101,20 +100,22 @@ def main() -> int:
     parser.add_argument('tests', nargs='+')
     parser.add_argument('--count', type=int, default=30)
     parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--thorough', action='store_true', help='run the thorough tests as well')
     options = parser.parse_args()
+    marks = 'not linter' if options.thorough else 'not linter and not thorough'
     text = (ROOT / options.module).read_text()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for part in _COPIED:
             copied = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
             copied(ROOT / part, folder / part)
-        if is_killed(folder, options.tests):
+        if is_killed(folder, marks, options.tests):
             print('the tests fail without a mutant')
             return 1
         living = []
         for description, source in mutants(text, options.count, options.seed):
             (folder / options.module).write_text(source)
-            if not is_killed(folder, options.tests):
+            if not is_killed(folder, marks, options.tests):
                 living.append(description)
         print(f'{options.module}: {options.count - len(living)} of {options.count} killed',
               *living, sep='\n  ')
