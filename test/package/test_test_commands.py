@@ -110,3 +110,16 @@ def test_namespaces_of_a_worker() -> None:
         [*own_namespaces.PREFIX, 'sh', '-c', 'ls -A /dev/shm; id -u; grep -c : /proc/net/dev'],
         capture_output=True, text=True, check=True).stdout
     assert shown.split() == [str(os.geteuid()), '1']  # no file, and one network interface
+
+
+@pytest.mark.process
+def test_hang_in_a_library_ends_by_a_failure(tmp_path: Path) -> None:
+    (tmp_path / 'test_hang.py').write_text(
+        'import ctypes\n\n\ndef test_hang():\n    ctypes.PyDLL(None).pause()  # keeps the GIL\n')
+    ended = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-c', changed.ROOT / 'setup.cfg', '--noconftest',
+         '--rootdir', tmp_path, '-p', 'no:cacheprovider',
+         '-o', 'faulthandler_timeout=1', tmp_path],
+        capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    assert 'in test_hang' in ended.stderr  # the stacks of all threads
