@@ -60,14 +60,14 @@ def run(group: str, only: Sequence[str] = (), is_alone: bool = False) -> tuple[i
         names.write_text('\n'.join(only))
         environment['OPENCV_TOOLS_ONLY'] = str(names)
     began = time.monotonic()
-    finished = subprocess.run(
-        ['make', '--no-print-directory', group], cwd=ROOT, env=environment, text=True,
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
-        errors='replace')
-    (LOGS / f'{group}{".again" if is_alone else ""}.log').write_text(finished.stdout)
-    print(f'{group}{" again" if is_alone else ""}: status {finished.returncode} after '
+    path = LOGS / f'{group}{".again" if is_alone else ""}.log'
+    with path.open('w') as log:
+        status = subprocess.run(
+            ['make', '--no-print-directory', group], cwd=ROOT, env=environment,
+            stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, check=False).returncode
+    print(f'{group}{" again" if is_alone else ""}: status {status} after '
           f'{time.monotonic() - began:.0f} s', flush=True)
-    return finished.returncode, finished.stdout
+    return status, path.read_text(errors='replace')
 
 
 def failed_tests(output: str) -> list[str]:
