@@ -101,6 +101,8 @@ class Folder:
         """
         Rename a temporary file and add its line to the manifest; one thread at a time.
 
+        If the folder becomes read-only in between, the file stays, and its line is deferred.
+
         :param temporary: path returned by ``write``.
         :param entry: manifest entry with the final name.
         :param replace: whether an existing file of this name is replaced.
@@ -110,6 +112,7 @@ class Folder:
             of this name is left.
         """
         target = self.path / entry.name
+        self.write_deferred()
         self.write_journal(entry)
         if replace:
             temporary.replace(target)
@@ -118,7 +121,11 @@ class Folder:
         try:
             self.manifest.append(entry)
         except OSError:
-            target.unlink(missing_ok=True)
+            try:
+                target.unlink(missing_ok=True)
+            except OSError:
+                self.defer_line(entry)
+                return target
             raise
         return target
 

@@ -122,8 +122,13 @@ class ImageSink:
         return path
 
     def close(self) -> None:
-        """Remove the lines of deleted files from the manifest, and close the folder."""
+        """
+        Write the deferred lines of the manifest, remove those of deleted files, close the folder.
+
+        :raises OSError: the manifest cannot be written.
+        """
         try:
+            self._folder.write_deferred()
             self._files.close()
         finally:
             self._folder.close()

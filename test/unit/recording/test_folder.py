@@ -212,6 +212,35 @@ def test_file_is_flushed_to_disk_before_it_is_renamed(
     assert done == ['fsync', 'link', 'link']
 
 
+def test_folder_that_is_read_only_after_a_rename(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sink, first, second = image_sink(tmp_path, '{seq:03d}.png'), gray_frame(0), gray_frame(1)
+    images = sink.prepare(first), sink.prepare(second)
+    with monkeypatch.context() as read_only:  # the manifest is not created, nothing is removed
+        read_only.setattr(os, 'open', failing(errno.EACCES))
+        read_only.setattr(os, 'unlink', failing(errno.EACCES))
+        assert sink.commit(first, images[0]) == tmp_path / '000.png'
+        with pytest.raises(PermissionError):
+            sink.commit(second, images[1])
+    assert not (tmp_path / FILE_NAME).exists()
+    sink.commit(second, images[1])
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [0, 1]
+    sink.close()
+    assert sink.counts.kept == 2
+
+
+def test_last_line_of_a_folder_that_was_read_only(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sink, frame = image_sink(tmp_path, '{seq:03d}.png'), gray_frame(0)
+    prepared = sink.prepare(frame)
+    with monkeypatch.context() as read_only:
+        read_only.setattr(os, 'open', failing(errno.EACCES))
+        read_only.setattr(os, 'unlink', failing(errno.EACCES))
+        sink.commit(frame, prepared)
+    sink.close()
+    assert [line['seq'] for line in read_manifest(tmp_path)] == [0]
+
+
 @pytest.mark.parametrize('number', [
     errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK])
 def test_nothing_is_overwritten_without_hard_links(
