@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -98,6 +99,16 @@ def test_unsteady_test_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sys, 'argv', ['thorough.py', 'broken'])
     assert thorough.main() == 1
     assert 'FAILED twice: test/unit/test_c.py::test_d' in capsys.readouterr().out
+
+
+@pytest.mark.process
+def test_linters_are_left_out_of_the_quick_tests() -> None:
+    found = re.search(r"' -m' ' (.*?)'", (changed.ROOT / 'Makefile').read_text())
+    assert found is not None
+    collected = subprocess.run(
+        [sys.executable, '-m', 'pytest', '--collect-only', '-q', '-m', found[1],
+         changed.TEST / 'package' / 'test_linters.py'], stdout=subprocess.DEVNULL, check=False)
+    assert collected.returncode == pytest.ExitCode.NO_TESTS_COLLECTED
 
 
 @pytest.mark.process
