@@ -369,7 +369,7 @@ def test_directions_across_a_normal() -> None:
     assert plane(Z) == ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
     assert plane(X) == ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
     assert plane((0.0, -3.0, 0.0)) == ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0))
-    for x, is_across_x in ((0.549, True), (-0.549, True), (0.551, False), (-0.551, False)):
+    for x, is_across_x in ((0.549, True), (-0.549, True), (0.55, False), (-0.55, False)):
         y, z = 0.5, math.sqrt(0.75 - x * x)
         first, second = plane((x, y, z))
         assert (first[0] == 0, first[1] == 0) == (is_across_x, not is_across_x)
