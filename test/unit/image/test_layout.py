@@ -125,11 +125,14 @@ def test_views_of_given_bytes() -> None:
 
 def test_chroma_with_padding() -> None:
     nv12, nv24 = find_encoding('nv12'), find_encoding('nv24')
-    data = bytes(range(3 * 2 * 3))
+    data = bytearray(range(3 * 2 * 3))
+    tight, copy = (view_pixels(data, 2, 2, step, nv24) for step in (2, 3))
     np.testing.assert_array_equal(
         view_pixels(data, 2, 2, 3, nv24), [[0, 1], [3, 4], [6, 7], [8, 9], [12, 13], [14, 15]])
     np.testing.assert_array_equal(view_pixels(data, 2, 2, 3, nv12), [[0, 1], [3, 4], [6, 7]])
     np.testing.assert_array_equal(view_pixels(data, 2, 2, 2, nv12), [[0, 1], [2, 3], [4, 5]])
+    data[0] = 99
+    assert (tight[0, 0], copy[0, 0]) == (99, 0)
 
 
 @pytest.mark.parametrize(('name', 'size', 'shape'), [
