@@ -87,8 +87,8 @@ def is_killed(folder: Path, marks: str, tests: list[str]) -> bool:
     try:
         return subprocess.run(
             [sys.executable, '-m', 'pytest', '-x', '-q', '-m', marks, *tests],
-            cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=_SECONDS,
-            check=False).returncode != 0
+            cwd=folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            timeout=_SECONDS, check=False).returncode != 0
     except subprocess.TimeoutExpired:
         return True
 

@@ -21,6 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 import re
 import struct
+from typing import NamedTuple
 
 import numpy as np
 from opencv_tools.image.errors import JpegError
@@ -29,26 +30,26 @@ from opencv_tools.image.errors import JpegError
 JPEG_SOI, JPEG_SOS, JPEG_EOI = b'\xff\xd8', b'\xff\xda', b'\xff\xd9'
 
 # Start-of-frame markers SOF0 to SOF15, without DHT, JPG and DAC, which lie between them.
-_SOF = frozenset(range(0xc0, 0xd0)) - {0xc4, 0xc8, 0xcc}
+_SOF = frozenset(b'\xc0\xc1\xc2\xc3\xc5\xc6\xc7\xc9\xca\xcb\xcd\xce\xcf')
 _SEQUENTIAL, _PROGRESSIVE = frozenset((0xc0, 0xc1)), 0xc2
 # Second bytes of markers.
 _DHT, _SOI, _EOI, _SOS = 0xc4, 0xd8, 0xd9, 0xda
-_STANDALONE = frozenset((0x01, *range(0xd0, 0xd8)))
+_RESTARTS = range(0xd0, 0xd8)
+_STANDALONE = frozenset((0x01, *_RESTARTS))
 # A marker as libjpeg finds it. libjpeg skips all bytes before a marker.
 _MARKER = re.compile(rb'\xff+([\x01-\xfe])')
 # For each byte after 0xff, whether the two end the data of a scan. A stuffed zero, a restart
 # marker and a fill byte do not.
 _ENDS_A_SCAN = np.ones(256, np.bool_)
-_ENDS_A_SCAN[[0x00, *range(0xd0, 0xd8), 0xff]] = False
-_CHUNK_BYTES = 1 << 16  # bytes of a scan that are searched at once
+_ENDS_A_SCAN[[0x00, *_RESTARTS, 0xff]] = False
+_CHUNK_BYTES = 65_536  # bytes of a scan that are searched at once
 _MAX_SEGMENTS = 1000  # largest number of segments before the size, and again after it
 _MAX_CODE_BITS = 16  # longest code of a Huffman table in bits
 # Bytes that decode to many different blocks and contain no marker.
 _EXTRA_DATA = bytes(range(0x11, 0xff)) * 8
 
 
-@dataclass(frozen=True)
-class _Frame:
+class _Frame(NamedTuple):
     """The frame header of a JPEG."""
 
     marker: int  # second byte of the marker
@@ -57,15 +58,20 @@ class _Frame:
     sampling: dict[int, tuple[int, int]]  # horizontal and vertical factor, by component
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Segment:
-    """A segment of a JPEG; a scan segment is followed by its entropy-coded data."""
+class _Data(NamedTuple):
+    """The entropy-coded data of a scan."""
+
+    end: int  # offset after the data
+    size: int  # bytes without the stuffed zero bytes
+
+
+class _Segment(NamedTuple):
+    """A segment of a JPEG; a scan segment is followed by its data."""
 
     marker: int  # second byte of the marker
     start: int  # offset of the content, after the length
-    end: int  # offset after the content, where the data of a scan begin
-    data_end: int = 0  # offset after the data of a scan
-    stuffed: int = 0  # stuffed zero bytes in the data of a scan
+    end: int  # offset after the content
+    data: _Data | None = None
 
 
 @dataclass
@@ -73,7 +79,7 @@ class _ScanState:
     """The state of the check of a JPEG after some of its segments."""
 
     frame: _Frame | None = None
-    ends: int = 0  # offset after the data of the last scan
+    data: _Data | None = None  # of the last scan
     seen: set[int] = field(default_factory=set)  # components of the scans so far
     shortest: dict[int, int] = field(default_factory=dict)  # fewest bits of a symbol, by table
 
@@ -147,16 +153,16 @@ def check_jpeg(jpeg: bytes) -> int:
                 found.frame = _read_frame(segment.marker, content)
             elif segment.marker == _DHT:
                 _read_tables(content, found.shortest)
-            elif segment.marker == _SOS:
-                _read_scan(content, segment, found)
+            elif segment.data:
+                _read_scan(content, segment.data, found)
     except (struct.error, KeyError) as err:
         raise JpegError('a JPEG picture that is damaged') from err
-    if found.frame is None or not found.seen:
+    if found.frame is None or found.data is None:
         raise JpegError('a picture without a size' if found.frame is None else
                         'a JPEG picture without pixels')
     if found.seen != found.frame.sampling.keys():
         raise JpegError('a JPEG picture whose end is missing')
-    return found.ends
+    return found.data.end
 
 
 def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
@@ -169,11 +175,12 @@ def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
     :param jpeg: content of the file.
     :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
+    complete, rest = jpeg[:scan_end], jpeg[scan_end:]
     # The number of the last restart marker, or 7 if there is none.
-    _, last = max((jpeg.rfind(bytes((0xff, 0xd0 + number)), 0, scan_end), number)
-                  for number in range(8))
-    restart = bytes((0xff, 0xd0 + (last + 1) % 8))
-    return b''.join((jpeg[:scan_end], _EXTRA_DATA, restart, _EXTRA_DATA, jpeg[scan_end:]))
+    _, last = max((complete.rfind(bytes((0xff, marker))), number)
+                  for number, marker in enumerate(_RESTARTS))
+    restart = bytes((0xff, _RESTARTS[(last + 1) % len(_RESTARTS)]))
+    return b''.join((complete, _EXTRA_DATA, restart, _EXTRA_DATA, rest))
 
 
 def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
@@ -200,26 +207,22 @@ def _segments(jpeg: bytes, most: int = _MAX_SEGMENTS) -> Iterator[_Segment]:
         start, end = position + 2, position + length
         if length < 2 or end > len(jpeg):
             raise struct.error('a segment that is longer than the rest')
-        if marker == _SOS:
-            position, stuffed = _read_data(jpeg, end)
-            yield _Segment(marker=marker, start=start, end=end, data_end=position,
-                           stuffed=stuffed)
-        else:
-            position = end
-            yield _Segment(marker=marker, start=start, end=end)
+        data = _read_data(jpeg, end) if marker == _SOS else None
+        position = data.end if data else end
+        yield _Segment(marker, start, end, data)
     raise JpegError('a picture without a size')
 
 
-def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
+def _read_data(jpeg: bytes, start: int) -> _Data:
     """
-    Return the offset after the data of a scan, and the number of stuffed zero bytes in them.
+    Return where the data of a scan end, and their size.
 
     :param start: offset of the data.
     :raises JpegError: no marker follows the data.
     """
     data = np.frombuffer(jpeg, np.uint8)
     stuffed = 0
-    for begin in range(start, len(data) - 1, _CHUNK_BYTES):
+    for begin in range(start, len(data), _CHUNK_BYTES):
         block = data[begin:begin + _CHUNK_BYTES + 1]
         positions = np.flatnonzero(block[:-1] == 0xff)
         following = block[1:][positions]
@@ -229,7 +232,7 @@ def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
             end = begin + int(positions[markers[0]])
             while end > start and jpeg[end - 1] == 0xff:  # fill bytes before the marker
                 end -= 1
-            return end, stuffed
+            return _Data(end, end - start - stuffed)
         stuffed += np.count_nonzero(following == 0)
     raise JpegError('a JPEG picture whose end is missing')
 
@@ -237,7 +240,7 @@ def _read_data(jpeg: bytes, start: int) -> tuple[int, int]:
 def _read_frame(marker: int, content: bytes) -> _Frame:
     _, height, width, count = struct.unpack_from('>BHHB', content)
     sampling = {}
-    for number, both, _ in struct.iter_unpack('BBB', content[6:6 + 3 * count]):
+    for number, both, _ in struct.iter_unpack('BBB', content[6:]):
         sampling[number] = both >> 4, both & 15
         if not (both >> 4 and both & 15):
             raise struct.error('a component without pixels')
@@ -261,14 +264,14 @@ def _read_tables(content: bytes, shortest: dict[int, int]) -> None:
             (length + (symbol & 15) for length, symbol in zip(lengths, symbols)), default=0)
 
 
-def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
+def _read_scan(content: bytes, data: _Data, found: _ScanState) -> None:
     """Check the length of a scan, and add the scan to the state."""
     count, = struct.unpack_from('B', content)
-    selectors = [*struct.iter_unpack('BB', content[1:1 + 2 * count])]
-    first, _, approximation = struct.unpack_from('BBB', content, 1 + 2 * count)
     if found.frame is None or not count or len(content) != 4 + 2 * count:
         raise struct.error('a scan without a frame')
-    found.ends = segment.data_end
+    selectors = [*struct.iter_unpack('BB', content[1:-3])]
+    first, _, approximation = content[-3:]
+    found.data = data
     found.seen.update(number for number, _ in selectors)
     has_ac = found.frame.marker in _SEQUENTIAL
     if not has_ac and (found.frame.marker != _PROGRESSIVE or first or approximation >> 4):
@@ -279,7 +282,7 @@ def _read_scan(content: bytes, segment: _Segment, found: _ScanState) -> None:
         if has_ac:
             block += found.shortest.get(0x10 | tables & 15, 0)
         bits += _blocks(found.frame, number, count > 1) * block
-    if 8 * (segment.data_end - segment.end - segment.stuffed) < bits:
+    if 8 * data.size < bits:
         raise JpegError('a JPEG picture whose end is missing')
 
 

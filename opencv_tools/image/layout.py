@@ -60,7 +60,7 @@ def view_pixels(
         raise error(f' needs {rows * step} bytes, but data has {content.size}')
     dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
     shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
-    if step == row or not row:
+    if step == row:
         return content[:rows * row].view(dtype).reshape(shape)
     lines = content[:rows * step].reshape(rows, step)
     if encoding.row_factor == 3:
@@ -110,4 +110,4 @@ def array_to_wire(
         header=header, height=encoding.height(rows), width=width, encoding=encoding.name,
         is_bigendian=order == '>' or (order == '=' and sys.byteorder == 'big'),
         step=width * encoding.pixel_bytes,
-        data=np.ascontiguousarray(image).reshape(-1).view(np.uint8).data)
+        data=np.ascontiguousarray(image).ravel().view(np.uint8).data)

@@ -235,7 +235,7 @@ def parse_region(values: Any) -> Region | None:
     if not isinstance(values, list) or len(values) != 4:
         raise RequestError('region is not a list of four numbers')
     x, y, width, height = (int(valid_number(value, 'region', least, _MAX_SIDE))
-                           for value, least in zip(values, (0, 0, 1, 1), strict=True))
+                           for value, least in zip(values, (0, 0, 1, 1)))
     return Region(x=x, y=y, width=width, height=height)
 
 

@@ -15,19 +15,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from graphlib import CycleError
 import math
 
+from annotations import check_annotations
+from opencv_tools.robot import kinematics as module
 from opencv_tools.robot.joint_kinds import JOINT_KINDS
-from opencv_tools.robot.kinematics import joint_transform, Kinematics, with_mimics
+from opencv_tools.robot.kinematics import (
+    attached_links, check_mimic_cycles, cycle_text, joint_transform, Kinematics, plane,
+    resolve_chain, with_mimics)
 from opencv_tools.robot.model import (
     Axis, Frame, FrameId, Joint, Link, Mimic, MODEL, Placement, Robot)
-from opencv_tools.robot.pose import IDENTITY, Pose, Vector
+from opencv_tools.robot.pose import IDENTITY, Pose, Transform, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
 
 ODD = Pose((0.1, 1 / 3, -0.7), (0.1, 0.2, 0.3))
-Z = (0.0, 0.0, 1.0)
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def link_id(name: str) -> FrameId:
@@ -50,6 +56,11 @@ def chain(joints: Sequence[Joint]) -> Robot:
     return Robot(name='chain', links=(Link(name='base', placement=Placement(Pose(), MODEL)), *(
         Link(name=one.child, placement=Placement(Pose(), joint_id(one.name))) for one in joints
         if not one.is_loop)), joints=tuple(joints))
+
+
+def check_transform(found: Transform, expected: Pose) -> None:
+    assert found.pose().xyz == pytest.approx(expected.xyz, abs=1e-15)
+    assert found.pose().rpy == pytest.approx(expected.rpy, abs=1e-15)
 
 
 def followers(*mimics: tuple[str, Mimic | None]) -> Robot:
@@ -271,3 +282,165 @@ def test_linear_time_for_a_long_chain_of_mimics() -> None:
 
     check(5000)
     assert robots.is_linear(check)
+
+
+def test_chain_of_nodes() -> None:
+    following = {1: 2, 2: 3, 4: 5, 5: 6, 6: 5, 7: 7}
+    assert resolve_chain(1, following.get) == [1, 2, 3]
+    assert resolve_chain(3, following.get) == [3]
+    for start, cycle in ((4, [5, 6, 5]), (6, [6, 5, 6]), (7, [7, 7])):
+        with pytest.raises(CycleError) as caught:
+            resolve_chain(start, following.get)
+        assert caught.value.args[1] == cycle
+
+
+def test_text_of_a_long_cycle() -> None:
+    short, long = [*'abcdefa'], [*'abcdefga']
+    assert cycle_text(CycleError('', short)) == (
+        "'a' -> 'b' -> 'c' -> 'd' -> 'e' -> 'f' -> 'a'")
+    assert cycle_text(CycleError('', long)) == (
+        "'a' -> 'b' -> 'c' -> 'd' -> 'e' -> ... -> 'a'")
+    assert cycle_text(CycleError('', [joint_id('a'), link_id('b')])) == "'a' -> 'b'"
+
+
+def test_frames_of_links_in_urdf() -> None:
+    kinematics = Kinematics(chain([
+        joint('one', 'base', 'a'), joint('loop', 'a', 'base', is_loop=True)]))
+    assert kinematics.urdf_frame('a') == joint_id('one')
+    assert kinematics.urdf_frame('base') == link_id('base')
+
+
+def test_order_of_descendant_links() -> None:
+    robot = chain([joint('1', 'base', 'a'), joint('2', 'a', 'c'), joint('3', 'base', 'b'),
+                   joint('4', 'c', 'd'), joint('5', 'b', 'e')])
+    kinematics = Kinematics(robot)
+    assert kinematics.roots == ['base']
+    assert kinematics.subtree(['base']) == ['base', 'a', 'b', 'c', 'e', 'd']
+    assert kinematics.subtree(('c', 'b')) == ['c', 'b', 'd', 'e']
+    assert kinematics.subtree([]) == []
+    assert [one.name for one in kinematics.child_joints['base']] == ['1', '3']
+
+
+def test_placement_on_a_frame_that_is_placed_itself() -> None:
+    away, further = Pose((1.0, 0.0, 0.0)), Pose((0.0, 2.0, 0.0))
+    kinematics = Kinematics(Robot(name='two', links=(
+        Link(name='a', placement=Placement(away, MODEL)),
+        Link(name='b', placement=Placement(further, link_id('a'))))))
+    assert kinematics.within(MODEL, Placement(away, link_id('a'))) == Pose((2.0, 0.0, 0.0))
+    assert kinematics.within(MODEL, Placement(Pose(), link_id('b'))) == Pose((1.0, 2.0, 0.0))
+    assert kinematics.between(link_id('b'), MODEL) == Pose((-1.0, -2.0, 0.0))
+    assert kinematics.between(link_id('b'), link_id('a')) == Pose((0.0, -2.0, 0.0))
+    assert kinematics.placement_pose(Placement(further, link_id('b'))).translation == (
+        1.0, 4.0, 0.0)
+    assert kinematics.pose(MODEL) == IDENTITY
+
+
+def test_errors_of_missing_frames() -> None:
+    robot = Robot(name='lost', source='file', links=(
+        Link(name='a', placement=Placement(Pose(), FrameId('frame', 'nowhere'))),))
+    message = "file: frame 'nowhere' does not exist, but a placement is relative to it"
+    for ask in (Kinematics(robot).pose, lambda frame: Kinematics(robot).between(MODEL, frame)):
+        with pytest.raises(DescriptionError) as caught:
+            ask(link_id('a'))
+        assert str(caught.value) == message
+
+
+def test_joints_about_two_axes_and_along_two() -> None:
+    axes = Axis(Z), Axis(X)
+    universal = replace(joint('j', 'a', 'b', type_='universal'), axes=axes)
+    check_transform(joint_transform(universal, (math.pi / 2, 0.25)),
+                    Pose(rpy=(0.25, 0.0, math.pi / 2)))
+    one_axis = joint('j', 'a', 'b', type_='universal', xyz=Y)
+    check_transform(joint_transform(one_axis, (0.25, 0.5)), Pose(rpy=(0.0, 0.75, 0.0)))
+    planar = joint('j', 'a', 'b', type_='planar', xyz=Z)
+    check_transform(joint_transform(planar, (2.0, 3.0, 0.5)),
+                    Pose((-3.0, 2.0, 0.0), (0.0, 0.0, 0.5)))
+
+
+@pytest.mark.parametrize(('type_', 'position', 'expected'), [
+    ('revolute', (0.5,), Pose(rpy=(0.0, 0.0, 0.5))), ('prismatic', (0.5,), Pose((0.0, 0.0, 0.5))),
+    ('universal', (0.25, 0.5), Pose(rpy=(0.0, 0.0, 0.75)))])
+def test_joint_without_an_axis(type_: str, position: tuple[float, ...], expected: Pose) -> None:
+    check_transform(joint_transform(
+        replace(joint('j', 'a', 'b', type_=type_), axes=()), position), expected)
+
+
+def test_directions_across_a_normal() -> None:
+    assert plane(Z) == ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))
+    assert plane(X) == ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+    assert plane((0.0, -3.0, 0.0)) == ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0))
+    for x, is_across_x in ((0.549, True), (-0.549, True), (0.55, False), (-0.55, False)):
+        y, z = 0.5, math.sqrt(0.75 - x * x)
+        first, second = plane((x, y, z))
+        assert (first[0] == 0, first[1] == 0) == (is_across_x, not is_across_x)
+        cross = (y * first[2] - z * first[1], z * first[0] - x * first[2],
+                 x * first[1] - y * first[0])
+        assert second == pytest.approx(cross)
+
+
+def test_frames_of_the_model_and_its_canonical_link() -> None:
+    world = Link(name='world', placement=Placement(Pose(), MODEL))
+    links = (world, Link(name='a', placement=Placement(Pose(), MODEL)),
+             Link(name='b', placement=Placement(Pose(), MODEL)))
+    frame = Frame(name='f', attached_to=MODEL, placement=Placement(Pose(), MODEL))
+    robot = Robot(name='r', links=links, frames=(frame,))
+    for one, link in ((robot, 'a'), (replace(robot, canonical_link='b'), 'b'),
+                      (replace(robot, links=(world,)), 'world')):
+        assert attached_links(one) == {FrameId('frame', 'f'): link_id(link)}
+    assert attached_links(Robot(name='r', links=())) == {}
+
+
+def test_links_of_attached_frames() -> None:
+    def frame(name: str, attached_to: FrameId) -> Frame:
+        return Frame(name=name, attached_to=attached_to, placement=Placement(Pose(), MODEL))
+
+    robot = chain([joint('one', 'base', 'a')])
+    first, second = FrameId('frame', 'first'), FrameId('frame', 'second')
+    third = FrameId('frame', 'third')
+    assert attached_links(replace(robot, frames=(
+        frame('first', second), frame('second', joint_id('one')), frame('third', first)))) == {
+            first: link_id('a'), second: link_id('a'), third: link_id('a')}
+    for target, text in ((link_id('x'), "link 'x'"), (joint_id('base'), "joint 'base'"),
+                         (FrameId('frame', 'a'), "frame 'a'")):
+        with pytest.raises(DescriptionError) as caught:
+            attached_links(replace(robot, frames=(frame('f', target),), source='file'))
+        assert str(caught.value) == (
+            f"file: frame 'f' is attached to {text}, which does not exist")
+
+
+def test_order_of_joints_that_mimic() -> None:
+    robot = followers(('third', Mimic('second')), ('second', Mimic('lead')), ('lead', None))
+    names = [one.name for one in check_mimic_cycles(robot)]
+    assert names == ['lead', 'second', 'third']
+
+
+def test_error_of_a_cycle_of_three_mimics() -> None:
+    robot = followers(('a', Mimic('b')), ('b', Mimic('c')), ('c', Mimic('a')))
+    lines = {'a': 10, 'b': 20, 'c': 30}
+    robot = replace(robot, source='file', joints=tuple(
+        replace(one, line=lines[one.name]) for one in robot.joints))
+    with pytest.raises(DescriptionError) as caught:
+        check_mimic_cycles(robot)
+    name = str(caught.value).split("'")[1]
+    circle = ' -> '.join(repr('abcabc'['abc'.index(name) + step]) for step in (0, 1, 2, 0))
+    assert str(caught.value) == f'file:{lines[name]}: <joint>: mimic cycle: {circle}'
+
+
+def test_mimic_of_a_joint_outside_the_robot() -> None:
+    robot = followers(('a', Mimic('elsewhere', 3.0, 0.5)))
+    assert with_mimics(robot, {'elsewhere': (2.0, 7.0)})['a'] == (6.5,)
+    assert with_mimics(robot, {'elsewhere': ()}) == {'elsewhere': (), 'a': (0.5,)}
+    assert with_mimics(robot, {}) == {'a': (0.5,)}
+
+
+def test_numbers_that_a_mimic_does_not_change() -> None:
+    robot = chain([joint('lead', 'base', 'a'),
+                   joint('flat', 'a', 'b', type_='planar', mimic=Mimic('lead', 2.0)),
+                   joint('rigid', 'b', 'c', type_='fixed', mimic=Mimic('lead', 2.0))])
+    assert with_mimics(robot, {'lead': (0.5,), 'flat': (9.0, 8.0)}) == {
+        'lead': (0.5,), 'flat': (1.0, 8.0, 0.0), 'rigid': ()}
+    assert with_mimics(robot, {})['flat'] == (0.0, 0.0, 0.0)
+
+
+def test_annotations() -> None:
+    check_annotations(module)

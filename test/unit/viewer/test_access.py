@@ -16,10 +16,15 @@
 
 from __future__ import annotations
 
+from dataclasses import FrozenInstanceError
+import re
 import socket
 
+from annotations import check_annotations
+from opencv_tools.viewer import access as module
 from opencv_tools.viewer.access import (
-    Access, check_origins, check_token, is_loopback, is_same_origin)
+    Access, check_origin, check_origins, check_token, is_loopback, is_same_origin, local_names,
+    names_of)
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 import pytest
 
@@ -38,18 +43,41 @@ def test_token_is_created_where_others_can_reach_the_server() -> None:
     assert len(tokens) == 4  # a new one for each start
     for token in tokens:
         check_token(token)
-        assert len(token) >= 20
+        assert re.fullmatch(r'[\w-]{24}', token)  # 144 bits
 
 
 def test_own_token_and_no_token() -> None:
     assert Access.create('secret_text', '127.0.0.1', False, '').token == 'secret_text'
     assert Access.create('', '0.0.0.0', False, '').token == ''
-
-
-@pytest.mark.parametrize('text', ['short', 'with blank', 'a' * 201, 'per%cent', 'läuft_nicht'])
-def test_invalid_tokens(text: str) -> None:
-    with pytest.raises(ValueError, match='8 to 200'):
+    for text in ('', 'auto', 'a' * 8, 'a' * 200, 'AZaz09_.~-'):
         check_token(text)
+
+
+@pytest.mark.parametrize('text', ['a' * 7, 'with blank', 'a' * 201, 'per%cent', 'läuft_nicht'])
+def test_invalid_tokens(text: str) -> None:
+    with pytest.raises(ValueError, match=(
+            r'^give 8 to 200 letters, digits or - _ \. ~, an empty text or auto$')):
+        check_token(text)
+
+
+def test_rules_that_do_not_change() -> None:
+    rules = Access('secret_text', ())
+    assert (rules.origins, rules.is_kept) == ((), False)
+    with pytest.raises(FrozenInstanceError):
+        rules.token = ''  # type: ignore[misc]
+    assert not Access.create('auto', '0.0.0.0', True, '').is_kept
+    assert Access.create('auto', '0.0.0.0', True, '', is_kept=True).is_kept
+
+
+def test_names_in_parameters() -> None:
+    assert names_of(' Robot.Local,,vm , ') == {'robot.local', 'vm'}
+    assert names_of('') == frozenset()
+
+
+def test_names_of_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('socket.gethostname', lambda: 'Robot.Example.org')
+    assert local_names() == {'localhost', 'robot.example.org', 'robot', 'robot.local'}
+    assert Access.create('', '0.0.0.0', False, 'VM').hosts == {*local_names(), 'vm'}
 
 
 @pytest.mark.parametrize('given', [(None, None, ''), ('', '', '')])
@@ -94,6 +122,14 @@ def test_foreign_hosts_are_refused(host: str) -> None:
     assert caught.value.status == 403
 
 
+def test_error_of_a_long_host() -> None:
+    with pytest.raises(RequestError) as caught:
+        Access('', ()).check_host('A' * 81)
+    assert str(caught.value) == (
+        f"the host '{'a' * 80}' is not a name of this machine: use its address, or add the name "
+        'to the parameter allowed_hosts')
+
+
 @pytest.mark.parametrize('host', ['vm.lan', 'robot.tailnet.ts.net:8080', 'evil.example'])
 def test_any_host_with_a_token(host: str) -> None:
     Access.create('secret_text', '0.0.0.0', False, '').check_host(host)
@@ -134,3 +170,18 @@ def test_invalid_origins(text: str) -> None:
     ('', 'localhost:8080', False), ('http://[', 'localhost:8080', False)])
 def test_origins(origin: str | None, host: str, expected: bool) -> None:
     assert is_same_origin(origin, host) is expected
+
+
+def test_origins_without_an_address() -> None:
+    check_origin('http://localhost:8080')
+    check_origin('null')
+    for origin in ('http://[', f'http://[{"a" * 80}'):
+        with pytest.raises(RequestError) as caught:
+            check_origin(origin)
+        assert str(caught.value) == (
+            f'the origin {origin[:80]!r} is not an address: Invalid IPv6 URL')
+        assert caught.value.status == 403
+
+
+def test_annotations() -> None:
+    check_annotations(module)

@@ -16,13 +16,19 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, FrozenInstanceError
 import json
+import math
+from pathlib import Path
 
+from annotations import check_annotations
 from opencv_tools.video.packet import VideoPacket
+from opencv_tools.viewer import protocol
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.protocol import (
-    number_of, pack_frame, pack_video, parse_codecs, parse_message, parse_options, step_width,
-    topic_of, unpack_frame, unpack_video, ViewOptions)
+    base_name, finite, MAX_MESSAGE_BYTES, MAX_TOPICS, number_of, pack_frame, pack_video,
+    parse_codecs, parse_message, parse_options, parse_point, parse_region, pong, step_width,
+    topic_of, unpack_frame, unpack_video, valid_number, ViewOptions)
 from opencv_tools.viewer.region import Region
 import pytest
 
@@ -43,9 +49,10 @@ def test_head_of_video() -> None:
 def test_codecs_of_a_page() -> None:
     assert parse_codecs(['h264', 'vp9', 'av1', 'h264']) == {'h264', 'av1'}
     assert parse_codecs([]) == frozenset()
+    assert parse_codecs(['av1', *(f'{number}' for number in range(6)), 'h' * 16]) == {'av1'}
 
 
-@pytest.mark.parametrize('names', [None, 'h264', {'h264': 1}, [1], ['h' * 17], ['h264'] * 9, [[]]])
+@pytest.mark.parametrize('names', [None, 'h264', {'h264': 1}, [1], ['h' * 17], ['h264'] * 9])
 def test_invalid_codecs_are_refused(names: object) -> None:
     with pytest.raises(RequestError, match='codecs'):
         parse_codecs(names)
@@ -82,38 +89,158 @@ def test_options_of_a_subscription() -> None:
     assert parse_options({'region': [2, 4, 320, 240], 'looks': True, 'held': True}) == (
         ViewOptions(region=Region(x=2, y=4, width=320, height=240), looks=True, held=True))
     assert parse_options({'range': None}).limits is None
+    assert parse_options({'colors': 'gray', 'video': True}) == ViewOptions(
+        colors='gray', video=True)
+    assert parse_options({'fixed': 1, 'video': 'true', 'looks': [True], 'held': None}) == (
+        ViewOptions())
 
 
-@pytest.mark.parametrize('message', [
-    {'width': -1}, {'width': 65_536}, {'width': '640'}, {'width': True}, {'width': None},
-    {'width': [1]}, {'quality': 101}, {'rate': 1001}, {'rate': -1}, {'rate': 10**400},
-    {'range': [1]}, {'range': 5}, {'range': [1, 'a']}, {'range': [1, 10**400]},
-    {'range': [0, 1e308]}, {'range': [-1e301, 0]}, {'range': [4000, 300]}, {'range': [5, 5]},
-    {'region': 5}, {'region': [0, 0, 1]}, {'region': [0, 0, 1, 1, 1]},
-    {'region': [-1, 0, 1, 1]}, {'region': [0, 0, 0, 1]}, {'region': [0, 0, 1, 2**32]},
-    {'region': [0, 0, 1, '1']}, {'region': [0, 0, 1, None]}, {'region': [0, 0, 1, 10**400]}])
-def test_invalid_options_are_refused(message: dict[str, object]) -> None:
-    with pytest.raises(RequestError, match=next(iter(message))) as caught:
+def test_largest_and_smallest_options() -> None:
+    assert parse_options({'width': 65_535, 'quality': 100, 'rate': 1000}) == ViewOptions(
+        width=65_535, quality=100, rate=1000.0)
+    assert parse_options({'width': 1, 'quality': 1, 'rate': 0.001}) == ViewOptions(
+        width=1, quality=1, rate=0.001)
+    assert parse_options({'width': 0, 'quality': 0, 'rate': 0}) == ViewOptions()
+    assert parse_options({'range': [-1e300, 1e300]}).limits == (-1e300, 1e300)
+    assert parse_region([0, 0, 1, 1]) == Region(x=0, y=0, width=1, height=1)
+    assert parse_region([2**31] * 4) == Region(x=2**31, y=2**31, width=2**31, height=2**31)
+    assert parse_region(None) is None
+
+
+def test_view_without_requests() -> None:
+    options = ViewOptions()
+    assert {name: value for name, value in asdict(options).items() if value is not None} == {
+        'width': 0, 'quality': 0, 'rate': 0.0, 'colors': 'turbo',
+        **dict.fromkeys(('fixed', 'video', 'slow', 'looks', 'held'), False)}
+    assert options.limits is options.region is None
+    with pytest.raises(FrozenInstanceError):
+        options.width = 5  # type: ignore[misc]
+    with pytest.raises(TypeError):
+        ViewOptions(640)  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(('message', 'text'), [
+    ({'width': -1}, "width is '-1': give a number from 0 to 65535"),
+    ({'width': 65_536}, "width is '65536': give a number from 0 to 65535"),
+    ({'width': '640'}, "width is '640': give a number from 0 to 65535"),
+    ({'width': True}, "width is 'True': give a number from 0 to 65535"),
+    ({'width': None}, "width is 'None': give a number from 0 to 65535"),
+    ({'quality': -0.5}, "quality is '-0.5': give a number from 0 to 100"),
+    ({'quality': 100.5}, "quality is '100.5': give a number from 0 to 100"),
+    ({'rate': 1001}, "rate is '1001': give a number from 0 to 1000"),
+    ({'rate': -1}, "rate is '-1': give a number from 0 to 1000"),
+    ({'rate': 10**400}, f"rate is '1{'0' * 39}': give a number from 0 to 1000"),
+    ({'range': [1]}, 'range is not a list of two numbers'),
+    ({'range': [1, 2, 3]}, 'range is not a list of two numbers'),
+    ({'range': '12'}, 'range is not a list of two numbers'),
+    ({'range': [1, 'a']}, "range is 'a': give a number from -1e+300 to 1e+300"),
+    ({'range': [0, 1.1e300]}, "range is '1.1e+300': give a number from -1e+300 to 1e+300"),
+    ({'range': [-1.1e300, 0]}, "range is '-1.1e+300': give a number from -1e+300 to 1e+300"),
+    ({'range': [4000, 300]}, 'range is 4000,300: give the lower number first'),
+    ({'range': [5, 5]}, 'range is 5,5: give the lower number first'),
+    ({'colors': 'g' * 41}, f"colors is '{'g' * 40}': give one of turbo, gray"),
+    ({'colors': None}, "colors is 'None': give one of turbo, gray"),
+    ({'region': '1111'}, 'region is not a list of four numbers'),
+    ({'region': [0, 0, 1]}, 'region is not a list of four numbers'),
+    ({'region': [0, 0, 1, 1, 1]}, 'region is not a list of four numbers'),
+    ({'region': [-1, 0, 1, 1]}, "region is '-1': give a number from 0 to 2.14748e+09"),
+    ({'region': [0, -1, 1, 1]}, "region is '-1': give a number from 0 to 2.14748e+09"),
+    ({'region': [0, 0, 0, 1]}, "region is '0': give a number from 1 to 2.14748e+09"),
+    ({'region': [0, 0, 1, 0]}, "region is '0': give a number from 1 to 2.14748e+09"),
+    ({'region': [0, 0, 1, 2**31 + 1]},
+     "region is '2147483649': give a number from 1 to 2.14748e+09")])
+def test_invalid_options_are_refused(message: dict[str, object], text: str) -> None:
+    with pytest.raises(RequestError) as caught:
         parse_options(message)
-    assert len(str(caught.value)) < 200
+    assert str(caught.value) == text
+
+
+def test_points_of_a_page() -> None:
+    assert parse_point([0, 2**31], 'look') == (0, 2**31)
+    assert parse_point([7.9, 8], 'look') == (7, 8)
+    for wrong in (None, '12', (1, 2), [1], [1, 2, 3]):
+        with pytest.raises(RequestError, match=r'^look is not a list of two numbers$'):
+            parse_point(wrong, 'look')
+    for number in (-1, 2**31 + 1, None):
+        for values in ([number, 0], [0, number]):
+            with pytest.raises(RequestError) as caught:
+                parse_point(values, 'look')
+            assert str(caught.value) == (
+                f"look is '{number}': give a number from 0 to 2.14748e+09")
+
+
+def test_numbers_of_messages() -> None:
+    found = valid_number(3, 'rate', 3, 4)
+    assert (found, type(found)) == (3.0, float)
+    assert valid_number(4.0, 'rate', 3, 4) == 4
+    for wrong in (2.99, 4.01, math.nan, True, '3'):
+        with pytest.raises(RequestError, match=r': give a number from 3 to 4$'):
+            valid_number(wrong, 'rate', 3, 4)
+
+
+def test_answer_to_a_ping(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('time.time', lambda: 12.25)
+    assert pong([1]) == {'pong': [1], 'now': 12.25}
+
+
+def test_errors_of_messages() -> None:
+    for text, error in ((b'{}', 'a binary message is not expected from a page'),
+                        ('[1]', 'the message is not an object of JSON'),
+                        ('{"a": NaN}', 'the message is not JSON: NaN is not a number of JSON')):
+        with pytest.raises(RequestError) as caught:
+            parse_message(text)
+        assert str(caught.value) == error
+    with pytest.raises(RequestError) as caught:
+        parse_message('9' * 5000)  # the reason of Python is longer
+    assert len(str(caught.value)) == len('the message is not JSON: ') + 80
+
+
+def test_limits_of_a_page() -> None:
+    assert MAX_MESSAGE_BYTES == 4096
+    manual = Path(__file__).parents[3] / 'docs' / 'viewer.md'
+    assert f'The list has {MAX_TOPICS} topics at most.' in manual.read_text()
+
+
+def test_numbers_that_json_can_hold() -> None:
+    assert finite(-1.5) == -1.5
+    for number in (math.nan, math.inf, -math.inf):
+        assert finite(number) is None
+
+
+def test_base_names_of_given_ends() -> None:
+    assert base_name('/a/points', ('/x', '/points')) == '/a'
+    assert base_name('/a/compressed', ('/points',)) == '/a/compressed'
+    assert base_name('/points', ('/points',)) == '/points'
 
 
 def test_names_of_topics() -> None:
     assert topic_of('/a/b') == topic_of('a/b') == topic_of('/a/b/compressed') == '/a/b'
     assert topic_of('/compressed') == '/compressed'
+    assert topic_of('a') == '/a'
+    assert topic_of('/' + 'a' * 255) == '/' + 'a' * 255
     for wrong in (None, '', 5, ['/a'], 'a' * 257):
-        with pytest.raises(RequestError):
+        with pytest.raises(
+                RequestError, match=r'^the name of a topic is missing or too long$'):
             topic_of(wrong)
 
 
 @pytest.mark.parametrize(('width', 'expected'), [
-    (0, 0), (1, 160), (160, 160), (161, 240), (700, 960), (1920, 1920), (1921, 0)])
+    (0, 0), (1, 160), (160, 160), (161, 240), (240, 240), (241, 320), (320, 320), (321, 480),
+    (480, 480), (481, 640), (640, 640), (641, 960), (960, 960), (961, 1280), (1280, 1280),
+    (1281, 1920), (1920, 1920), (1921, 0), (-1, 0)])
 def test_widths_are_shared(width: int, expected: int) -> None:
     assert step_width(width) == expected
 
 
 def test_numbers_in_urls() -> None:
-    assert number_of('80', 'quality', 0, 100) == 80
-    for wrong in ('', 'a', 'nan', 'inf', '101', '-1', '1e999'):
-        with pytest.raises(RequestError, match='quality'):
+    for text, number in (('80', 80), ('0', 0), (' 100', 100), ('0.5', 0.5)):
+        assert number_of(text, 'quality', 0, 100) == number
+    for wrong, quoted in (('', ''), ('a', 'a'), ('nan', 'nan'), ('1e999', 'inf'), ('101', '101.0'),
+                          ('-1', '-1.0')):
+        with pytest.raises(RequestError) as caught:
             number_of(wrong, 'quality', 0, 100)
+        assert str(caught.value) == f"quality is '{quoted}': give a number from 0 to 100"
+
+
+def test_annotations() -> None:
+    check_annotations(protocol)
