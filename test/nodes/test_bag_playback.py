@@ -86,7 +86,7 @@ def stamps(messages: list[Any]) -> list[int]:
 def test_clip_goes_through_topic_bag_topic_and_files(
         start: Start, node: Node, tmp_path: Path) -> None:
     recorder = start('img_subscriber', output_dir='bags', file_name='clip.mcap',
-                     max_frames=CLIP_FRAMES)
+                     max_frames=CLIP_FRAMES, on_overflow='block')
     first = Played(start, node, Image, source=CLIP, encoding='bgr8', publish_rate=50,
                    wait_for_subscribers=2, frame_id='eye').messages(Image)
     assert recorder.finish() == 0, recorder.output

@@ -238,7 +238,7 @@ def test_image_encoding_is_preserved_to_disk(
         cv2.imwrite(str(tmp_path / 'in' / name), image)
     expected = [cv2.imread(str(tmp_path / 'in' / name), cv2.IMREAD_UNCHANGED) for name in kinds]
     subscriber = start('img_subscriber', '--ros-args', '-r', '__ns:=/run', output_dir='out',
-                       max_frames=len(kinds), timeout=60)
+                       max_frames=len(kinds))
     run = Run(start, node, source='in', encoding="''", publish_rate=50, wait_for_subscribers=2)
     finish(node, run)
     assert subscriber.finish() == 0, subscriber.output

@@ -39,7 +39,7 @@ def assert_same_frames(written: list[np.ndarray], expected: list[np.ndarray]) ->
 @pytest.mark.thorough
 def test_every_frame_of_the_clip_is_recorded(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=CLIP_FRAMES,
-                       timeout=60, on_overflow='block')
+                       on_overflow='block')
     publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=1)
     assert publisher.finish() == 0, publisher.output
     assert subscriber.finish() == 0, subscriber.output
@@ -81,14 +81,14 @@ def test_best_effort_publisher_started_first(start: Start, tmp_path: Path) -> No
     publisher = start('img_publisher', source='pattern:64x48', publish_rate=50,
                       **{RELIABILITY: 'best_effort'})
     publisher.wait_for('Publishing video frame 1:')
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=5, timeout=60)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=5)
     assert subscriber.finish() == 0, subscriber.output
     assert len(read_pictures(tmp_path / 'out')) == 5
 
 
 @pytest.mark.thorough
 def test_two_recorders_get_every_frame(start: Start, tmp_path: Path) -> None:
-    subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30, timeout=60)
+    subscribers = [start('img_subscriber', output_dir=tmp_path / name, max_frames=30)
                    for name in ('first', 'second')]
     publisher = start('img_publisher', source='pattern:320x240@60', publish_rate=0, max_frames=30,
                       wait_for_subscribers=2)
@@ -101,7 +101,7 @@ def test_two_recorders_get_every_frame(start: Start, tmp_path: Path) -> None:
 
 def test_progress_on_the_console(
         start: Start, tmp_path: Path) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=60, timeout=60)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=60)
     publisher = start('img_publisher', source='pattern:64x48@30', publish_rate=0, max_frames=60,
                       wait_for_subscribers=1)
     assert publisher.finish() == subscriber.finish() == 0
@@ -115,7 +115,7 @@ def test_progress_on_the_console(
 @pytest.mark.thorough
 def test_numbering_continues_after_an_earlier_run(start: Start, tmp_path: Path) -> None:
     for expected in (3, 6):
-        subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3, timeout=60)
+        subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=3)
         start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=3,
               wait_for_subscribers=1)
         assert subscriber.finish() == 0, subscriber.output
@@ -127,7 +127,7 @@ def test_numbering_continues_after_an_earlier_run(start: Start, tmp_path: Path) 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('file_name', ['frame_{seq}.tiff', 'frame_{seq:04d}.npy'])
 def test_format_from_the_extension(start: Start, tmp_path: Path, file_name: str) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60,
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2,
                        file_name=file_name)
     start('img_publisher', source='pattern:64x48', publish_rate=50, max_frames=2,
           wait_for_subscribers=1, encoding='rgb8')
@@ -143,7 +143,7 @@ def test_format_from_the_extension(start: Start, tmp_path: Path, file_name: str)
 
 def test_frame_unsupported_by_the_format(
         start: Start, tmp_path: Path) -> None:
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=1, timeout=60,
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=1,
                        file_name='{seq}.jpg'.join('""'))
     start('img_publisher', source='pattern:64x48', encoding='mono16', max_frames=1,
           wait_for_subscribers=1)

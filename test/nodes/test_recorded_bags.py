@@ -75,7 +75,7 @@ def publisher(node: Node) -> Publisher:
 @pytest.mark.thorough
 def test_clip_pixel_for_pixel(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name=BAG,
-                       max_frames=CLIP_FRAMES, timeout=60, on_overflow='block')
+                       max_frames=CLIP_FRAMES, on_overflow='block')
     publisher = start('img_publisher', source=CLIP, publish_rate=0, wait_for_subscribers=1)
     assert publisher.finish() == 0, publisher.output
     assert subscriber.finish() == 0, subscriber.output
@@ -106,7 +106,7 @@ def test_every_encoding_and_broken_images(
         image.encoding = encoding
     sent[-1].height = 2**32 - 1
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name=BAG,
-                       max_frames=len(sent), timeout=60)
+                       max_frames=len(sent))
     send(node, publisher, *sent)
     assert subscriber.finish() == 0, subscriber.output
     found = topic_messages(tmp_path / 'out' / BAG, '/video_frames')
@@ -119,7 +119,7 @@ def test_compressed_topic(start: Start, node: Node, tmp_path: Path) -> None:
     sent = [CompressedImage(format='h264', data=bytes(number)) for number in range(5)]
     subscriber = start(
         'img_subscriber', '--ros-args', '-r', 'video_frames:=/front/image',
-        output_dir=tmp_path / 'out', file_name=BAG, max_frames=5, timeout=60)
+        output_dir=tmp_path / 'out', file_name=BAG, max_frames=5)
     send(node, publisher, *sent)
     assert subscriber.finish() == 0, subscriber.output
     found = topic_messages(tmp_path / 'out' / BAG, '/front/image/compressed')

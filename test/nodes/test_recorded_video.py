@@ -44,7 +44,7 @@ def test_bag_has_the_published_bytes(
     sender = VideoSender(node, '/front/image', type_name)
     subscriber = start(
         'img_subscriber', '--ros-args', '-r', 'video_frames:=/front/image', transport='video',
-        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=COUNT, timeout=60)
+        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=COUNT)
     sent = [video_message(type_name, packet, number)
             for number, packet in enumerate(flat_packets(COUNT))]
     sender.send(*sent)
@@ -92,7 +92,7 @@ def test_killed_video_of_packets_plays(
 def test_account_of_packets(start: Start, node: Node, tmp_path: Path) -> None:
     sender = VideoSender(node, '/video_frames', COMPRESSED_VIDEO)
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out', file_name='a.mkv',
-                       transport='video', max_frames=10, timeout=60)
+                       transport='video', max_frames=10)
     sender.send(*(video_message(COMPRESSED_VIDEO, packet, number)
                   for number, packet in enumerate(flat_packets(20, keys=(9,)))
                   if number > 5))
@@ -125,7 +125,7 @@ def test_selected_frames_of_a_bag_are_images(start: Start, node: Node, tmp_path:
     sender = VideoSender(node, '/front/image', FFMPEG_PACKET)
     subscriber = start(
         'img_subscriber', '--ros-args', '-r', 'video_frames:=/front/image', transport='video',
-        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=5, every_n=2, timeout=60)
+        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=5, every_n=2)
     sender.send(*(video_message(FFMPEG_PACKET, packet, number)
                   for number, packet in enumerate(flat_packets(10))))
     assert subscriber.finish() == 0, subscriber.output
@@ -142,14 +142,14 @@ def test_recorded_bag_of_video_is_played(
     sender = VideoSender(node, '/front/image', type_name)
     recorder = start(
         'img_subscriber', '--ros-args', '-r', 'video_frames:=/front/image', transport='video',
-        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=COUNT, timeout=60)
+        output_dir=tmp_path / 'out', file_name='a.mcap', max_frames=COUNT)
     sender.send(*(video_message(type_name, packet, number)
                   for number, packet in enumerate(flat_packets(COUNT))))
     assert recorder.finish() == 0, recorder.output
     player_arguments = {'source': tmp_path / 'out' / 'a.mcap', 'publish_rate': 0,
                         'stamp': 'original', 'start_frame': 5, 'wait_for_subscribers': 1}
     second = start('img_subscriber', output_dir=tmp_path / 'pictures', transport='raw',
-                   max_frames=COUNT - 5, timeout=60, on_overflow='block')
+                   max_frames=COUNT - 5, on_overflow='block')
     player = start('img_publisher', **player_arguments)
     assert player.finish() == 0, player.output
     assert second.finish() == 0, second.output

@@ -48,7 +48,7 @@ def test_publisher_of_the_tutorial_is_recorded(
     random = np.random.default_rng(1)
     frames = [random.integers(0, 256, (48, 64, 3), np.uint8) for _ in range(10)]
     publisher = node.create_publisher(Image, 'video_frames', 10)
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=10, timeout=60)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=10)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     for frame in frames:
         publisher.publish(fill_as_the_tutorial_does(frame))
@@ -105,7 +105,7 @@ def test_inconsistent_messages_are_skipped(
             setattr(message, name, value)
         messages.append(message)
     publisher = node.create_publisher(Image, 'video_frames', 10)
-    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2, timeout=60)
+    subscriber = start('img_subscriber', output_dir=tmp_path / 'out', max_frames=2)
     spin_until(node, lambda: publisher.get_subscription_count() == 1)
     for message in messages:
         publisher.publish(message)
