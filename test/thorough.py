@@ -104,9 +104,9 @@ def main() -> int:
             again, text = run(group, names, is_alone=True)  # all, if it ended without a summary
             if again:
                 print(f'\n=== {group} again\n{text}')
-                failed += names or [group]
-            else:
-                unsteady += names or [group]
+            still = (failed_tests(text) or names or [group]) if again else []
+            failed += still
+            unsteady += [name for name in names or [group] if name not in still]
     page = PAGE.read_text()
     reason = verdict(unsteady, page)
     date = datetime.datetime.now(datetime.timezone.utc).date().isoformat()

@@ -20,6 +20,10 @@ package has. Here this structure and those to which it points are made from the 
 type. The middleware then has the name, the hash and the fields of the type. It publishes and takes
 messages as CDR. It cannot convert them, and is refused where it tries.
 
+rmw_fastrtps calls the functions of the structures while it creates a publisher or subscription. It
+holds a lock then, for which other threads wait with the GIL. So these functions run no Python,
+which could pass the GIL to such a thread: they are built-in, with all answers known before.
+
 The structures are those of rosidl_runtime_c (message_type_support_struct.h, type_description),
 rosidl_typesupport_fastrtps_cpp (message_type_support.h) and rosidl_typesupport_introspection_c
 (message_introspection.h).
@@ -27,8 +31,11 @@ rosidl_typesupport_fastrtps_cpp (message_type_support.h) and rosidl_typesupport_
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import ctypes
 from ctypes import addressof, c_bool, c_char_p, c_size_t, c_uint32, c_uint64, c_uint8, c_void_p
+from functools import cache
+from operator import methodcaller
 from typing import Any
 
 from opencv_tools.message_types.definition import Array, TypeDefinition
@@ -36,12 +43,13 @@ from opencv_tools.message_types.description import field_type_id, type_hash
 from opencv_tools.message_types.primitives import PRIMITIVES
 from opencv_tools.transport.rcl_structures import RclSequence, RclString
 
-_FASTRTPS, _INTROSPECTION = (
+_FASTRTPS, _INTROSPECTION = _C = (
     b'rosidl_typesupport_fastrtps_c', b'rosidl_typesupport_introspection_c')
+_CPP = (b'rosidl_typesupport_fastrtps_cpp', b'rosidl_typesupport_introspection_cpp')
 _MESSAGE = 18  # in rosidl_typesupport_introspection_c/field_types.h
 _HASH_VERSION = 1
 _HASH_BYTES = 32
-_UNBOUNDED = 0
+_UNBOUNDED = b'\0'
 
 
 class _TypeSupport(ctypes.Structure):
@@ -122,7 +130,7 @@ _Pointer = ctypes.CFUNCTYPE(c_void_p, c_void_p)
 _Handle = ctypes.CFUNCTYPE(c_void_p, c_void_p, c_char_p)
 _Convert = ctypes.CFUNCTYPE(c_bool, c_void_p, c_void_p)
 _Size = ctypes.CFUNCTYPE(c_uint32, c_void_p)
-_MaxSize = ctypes.CFUNCTYPE(c_size_t, ctypes.POINTER(ctypes.c_char))
+_MaxSize = ctypes.CFUNCTYPE(c_void_p, ctypes.POINTER(ctypes.c_char))  # None is 0 as a c_void_p
 _Create = ctypes.CFUNCTYPE(c_void_p)
 _Destroy = ctypes.CFUNCTYPE(None, c_void_p)
 _new_capsule = ctypes.pythonapi.PyCapsule_New
@@ -149,7 +157,8 @@ class TypeSupport:
         callbacks = self._keep(_Callbacks(
             self._text(f'{package}::msg'), self._text(short), *map(self._function, (
                 _Convert(lambda message, cdr: False), _Convert(lambda cdr, message: False),
-                _Size(lambda message: 0), _MaxSize(_set_unbounded))), None))
+                _Size(lambda message: 0),
+                _MaxSize(methodcaller('__setitem__', 0, _UNBOUNDED)))), None))
         supports = {_INTROSPECTION: self._introspection(name)}
         others = sorted(definition.types.keys() - {name})
         description = self._keep(_Description(
@@ -157,12 +166,15 @@ class TypeSupport:
         sources = self._keep(self._sequence(_Source, map(self._source, (name, *others))))
         hashed = self._keep(_TypeHash(
             _HASH_VERSION, (c_uint8 * _HASH_BYTES)(*self.type_hash)))
+        support = self._keep(_TypeSupport(self._text(_FASTRTPS.decode()), addressof(callbacks)))
         #: Address of the rosidl_message_type_support_t.
-        self.address = supports[_FASTRTPS] = addressof(self._keep(_TypeSupport(
-            self._text(_FASTRTPS.decode()), addressof(callbacks),
-            self._function(_Handle(lambda _, identifier: supports.get(identifier))),
-            *(self._function(_Pointer(lambda _, structure=structure: addressof(structure)))
-              for structure in (hashed, description, sources)))))
+        self.address = supports[_FASTRTPS] = addressof(support)
+        support.func = self._handle(self.address, supports)
+        for name, structure in (('get_type_hash_func', hashed),
+                                ('get_type_description_func', description),
+                                ('get_type_description_sources_func', sources)):
+            setattr(support, name, self._function(
+                _Pointer({self.address: addressof(structure)}.get)))
 
     def python_class(self) -> type:
         """
@@ -199,6 +211,12 @@ class TypeSupport:
 
     def _function(self, function: Any) -> int | None:
         return ctypes.cast(self._keep(function), c_void_p).value
+
+    def _handle(self, address: int, supports: dict[bytes, int]) -> int | None:
+        """Return the function that finds the structures of a type support by its identifier."""
+        return self._function(_Handle(_known(
+            lambda _, identifier: supports.get(identifier),
+            *((address, identifier) for identifier in _C + _CPP))))
 
     def _string(self, text: str) -> RclString:
         encoded = text.encode(errors='replace')
@@ -239,9 +257,8 @@ class TypeSupport:
                 addressof(members), None, None))
             support = self._keep(_TypeSupport(
                 self._text(_INTROSPECTION.decode()), addressof(data)))
-            own = {_INTROSPECTION: addressof(support)}
-            support.func = self._function(_Handle(lambda _, identifier: own.get(identifier)))
-            self._introspections[name] = addressof(support)
+            address = self._introspections[name] = addressof(support)
+            support.func = self._handle(address, {_INTROSPECTION: address})
         return self._introspections[name]
 
 
@@ -252,6 +269,9 @@ def hash_of(message_class: Any) -> bytes:
     return bytes(_TypeHash.from_address(get_hash(address)).value)
 
 
-def _set_unbounded(bounds: Any) -> int:
-    bounds[0] = _UNBOUNDED
-    return 0
+def _known(answer: Callable[..., int | None], *questions: tuple[int, bytes]) -> Any:
+    """Return a built-in function that knows its answers to some questions without Python."""
+    known = cache(answer)
+    for question in questions:
+        known(*question)
+    return known

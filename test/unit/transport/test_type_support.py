@@ -251,3 +251,30 @@ def test_known_text_is_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
         with pytest.raises(DefinitionError, match='in use with another definition'):
             message_type('known_msgs/msg/A', 'int8 b')
     assert read == 2 * ['known_msgs/msg/A']
+
+
+def test_functions_under_a_lock_of_rmw_run_no_python() -> None:
+    # Python may pass the GIL to a thread that waits for the same lock.
+    support = TypeSupport(read_definition(VIDEO))
+    structure = type_support._TypeSupport.from_address(support.address)
+    find = type_support._Handle(structure.func)
+    members = find(support.address, type_support._INTROSPECTION)
+    inner = type_support._Handle(type_support._TypeSupport.from_address(members).func)
+    getters = [type_support._Pointer(getattr(structure, name)) for name in (
+        'get_type_hash_func', 'get_type_description_func', 'get_type_description_sources_func')]
+    measure = type_support._MaxSize(
+        type_support._Callbacks.from_address(structure.data).max_serialized_size)
+    bounds = ctypes.create_string_buffer(b'\x03')
+    files: list[str] = []
+    sys.setprofile(lambda frame, event, _: files.append(frame.f_code.co_filename))
+    try:
+        found = [
+            [find(support.address, kind) for kind in type_support._C + type_support._CPP],
+            [inner(members, kind) for kind in type_support._C + type_support._CPP],
+            [get(support.address) for get in getters], measure(bounds)]
+    finally:
+        sys.setprofile(None)
+    assert type_support.__file__ not in files
+    assert found[:2] == [[support.address, members, None, None], [None, members, None, None]]
+    assert all(found[2]) and len({*found[2]}) == 3
+    assert found[3] is None and bounds.raw[0] == 0
