@@ -154,7 +154,7 @@ class _Publisher:
         if self._first is None:
             self._first = _FirstFrame(
                 self.last if position.number else 0, position.message, publish_ns, now)
-        elif 0 < (steps := self.last - self._first_number) <= _MEASURED_STEPS:
+        elif publish_ns and 0 < (steps := self.last - self._first_number) <= _MEASURED_STEPS:
             self._period = (publish_ns - self._first.publish_ns) / steps / 1e9
 
     def _is_after_last(self, position: Position) -> bool:
@@ -264,7 +264,7 @@ class FrameOrder:
 
         :param publisher: identifier of the publisher.
         :param position: its place; without any number the frame is always new.
-        :param publish_ns: time of publication in nanoseconds of any clock of the publisher.
+        :param publish_ns: time of publication in nanoseconds of the publisher; 0 if unknown.
         :raises CdrError: the numbers are too far from those of the last frame.
         """
         if not (position.message or position.number):
