@@ -44,7 +44,8 @@ _FRAMED = ('light', 'sensor', 'particle_emitter', 'projector')
 # Elements with names from `renaming.with_valid_sdf_names`, which are not changed again.
 _VALID = ('link', 'joint', 'frame', 'collision', 'visual')
 _NUMBER = re.compile(
-    r'[+-]?(?:0x[\da-f]+|inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)', re.IGNORECASE)
+    r'[+-]?(?:0x[\da-f]+|inf(?:inity)?|nan|(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)',
+    re.ASCII | re.IGNORECASE)
 
 
 def _read_number(text: str) -> float | None:
