@@ -19,12 +19,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from opencv_tools.recording import selection as selection_module
 from opencv_tools.recording.errors import LimitReached, UnwritableError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.selection import Limits, Retention, Selection
 import pytest
+from type_hints import resolved_hints
 
 NANO = 10**9
 
@@ -132,8 +134,12 @@ def test_ring_deletes_as_many_files_as_necessary() -> None:
     assert fill(retention, entry('d')) == ['a']
     assert fill(retention, entry('large', 25)) == ['b', 'c', 'd']
     assert retention.count == 1
-    with pytest.raises(UnwritableError, match='a file of 31 bytes does not fit in the ring'):
+    assert retention.make_room(entry('larger', 30), 0) == ['large']
+    with pytest.raises(UnwritableError) as caught:
         retention.make_room(entry('larger', 31), 0)
+    assert str(caught.value) == ('a file of 31 bytes does not fit in the ring, whose max_bytes is '
+                                 '30: give a larger max_bytes')
+    assert retention.count == 1
 
 
 def test_ring_counts_the_frames_of_its_files() -> None:
@@ -158,6 +164,24 @@ def test_limits_of_one_file(limits: Limits, expected: Limits) -> None:
     assert limits.of_one_file() == expected
 
 
+def test_limits_that_are_not_set() -> None:
+    assert Limits() == Limits(max_frames=0, max_seconds=0.0, max_bytes=0, ring=False,
+                              split_seconds=0.0, split_bytes=0)
+    assert Limits().max_ns == 0
+
+
+def test_longest_duration() -> None:
+    limits = Limits(max_seconds=1.5)
+    assert (limits.max_ns, Selection(1, 0.0, limits).max_seconds) == (1_500_000_000, 1.5)
+    ring = replace(limits, ring=True)
+    assert (ring.max_ns, Selection(1, 0.0, ring).max_seconds) == (1_500_000_000, 0.0)
+
+
+def test_types_of_the_interface() -> None:
+    hints = resolved_hints(selection_module)
+    assert hints['Selection.selects'] == {'frame': ReceivedFrame, 'return': bool}
+
+
 HOUR = 3600 * NANO
 WALL = 500_000 * HOUR
 
@@ -180,6 +204,16 @@ def test_file_with_a_future_time_is_the_oldest() -> None:
     assert fill(by_number, entry('a'), entry('b'), arrival_ns=HOUR) == ['future', 'older']
 
 
+def test_file_of_this_moment_has_a_known_age() -> None:
+    earlier = [entry('now', 10, WALL), entry('old', 10, WALL - NANO)]
+    by_age = Retention(Limits(max_seconds=2.0, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    assert fill(by_age, entry('a'), arrival_ns=HOUR + NANO) == []
+    assert fill(by_age, entry('b'), arrival_ns=HOUR + NANO + 1) == ['old']
+    assert fill(by_age, entry('c'), arrival_ns=HOUR + 2 * NANO + 1) == ['now']
+    by_number = Retention(Limits(max_frames=2, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    assert fill(by_number, entry('a')) == ['old']
+
+
 def test_replaced_file_is_counted_once() -> None:
     retention = Retention(Limits(max_bytes=30, max_frames=3, ring=True), [])
     assert fill(retention, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
@@ -189,6 +223,9 @@ def test_replaced_file_is_counted_once() -> None:
 def test_no_file_is_deleted_without_a_ring() -> None:
     retention = Retention(Limits(max_frames=1, max_bytes=25), [])
     assert fill(retention, entry('a'), entry('b')) == []
-    with pytest.raises(LimitReached):
+    with pytest.raises(LimitReached, match='^max_bytes is 25, the next file has 10 bytes$'):
         retention.make_room(entry('c'), 0)
     assert fill(retention, entry('small', 5)) == []
+    assert retention.count == 0
+    with pytest.raises(LimitReached):
+        retention.make_room(entry('small', 1), 0)
