@@ -223,7 +223,7 @@ def test_replaced_file_is_counted_once() -> None:
 def test_no_file_is_deleted_without_a_ring() -> None:
     retention = Retention(Limits(max_frames=1, max_bytes=25), [])
     assert fill(retention, entry('a'), entry('b')) == []
-    with pytest.raises(LimitReached, match='^max_bytes is 25, the next file has 10 bytes$'):
+    with pytest.raises(LimitReached, match=r'^max_bytes is 25, the next file has 10 bytes$'):
         retention.make_room(entry('c'), 0)
     assert fill(retention, entry('small', 5)) == []
     assert retention.count == 0

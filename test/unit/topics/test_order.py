@@ -190,7 +190,7 @@ def test_greatest_step_of_the_numbers(is_shared: bool) -> None:
 
     assert order.accepts(PUBLISHER, position(5), 0)
     with pytest.raises(CdrError, match=(
-            f'^the number of the frame is {2**32 + 6}, that of the last frame 5$')):
+            fr'^the number of the frame is {2**32 + 6}, that of the last frame 5$')):
         order.accepts(PUBLISHER, position(5 + 2**32 + 1), 0)
     assert order.accepts(PUBLISHER, position(5 + 2**32), 0)
     assert order.count == 2**32 - 1

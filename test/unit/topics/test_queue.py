@@ -78,7 +78,7 @@ def test_image_of_a_message_of_video() -> None:
     video = WireVideo(type_name=FFMPEG_PACKET, header=WireHeader(1, 2, 'camera'),
                       encoding='h264', data=b'', serialized=b'')
     with pytest.raises(TypeError, match=(
-            '^the message is video, which this subscription does not decode$')):
+            r'^the message is video, which this subscription does not decode$')):
         _ = ReceivedMessage(video, 8).image
 
 
