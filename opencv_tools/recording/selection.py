@@ -75,7 +75,7 @@ class Limits:
 
 def _least(*limits: N) -> N:
     """Return the least limit, where 0 means no limit."""
-    return min(filter(None, limits), default=limits[0])
+    return min(filter(None, limits), default=0)
 
 
 class Selection:

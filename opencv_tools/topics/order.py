@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from enum import auto, Enum
 import time
 from typing import NamedTuple
@@ -59,8 +58,7 @@ class Position(NamedTuple):
     is_message: bool = True
 
 
-@dataclass(frozen=True)
-class _FirstFrame:
+class _FirstFrame(NamedTuple):
     """
     The first frame of a publisher that arrived; earlier frames may have been lost.
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 from opencv_tools.recording import selection as selection_module
@@ -101,11 +101,12 @@ def test_selection_ends_at_max_frames() -> None:
     assert not ring.is_over
 
 
-def test_duration_begins_with_the_first_frame() -> None:
-    times = iter([0.0, 1.0, 1.9, 2.0])
-    selection = Selection(1, 0.0, Limits(max_seconds=2.0), lambda: next(times))
+@pytest.mark.parametrize('seconds', [0.5, 2.0])
+def test_duration_begins_with_the_first_frame(seconds: float) -> None:
+    times = iter([50.0, 50.0 + 0.99 * seconds, 50.0 + seconds])
+    selection = Selection(1, 0.0, Limits(max_seconds=seconds), lambda: next(times))
     assert not selection.has_begun
-    assert [selection.is_late() for _ in range(4)] == [False, False, False, True]
+    assert [selection.is_late() for _ in range(3)] == [False, False, True]
     assert selection.has_begun
     for_ever = Selection(1, 0.0, Limits(), iter([0.0, 1e9]).__next__)
     assert not for_ever.is_late() and not for_ever.is_late()
@@ -168,6 +169,24 @@ def test_limits_that_are_not_set() -> None:
     assert Limits() == Limits(max_frames=0, max_seconds=0.0, max_bytes=0, ring=False,
                               split_seconds=0.0, split_bytes=0)
     assert Limits().max_ns == 0
+    with pytest.raises(FrozenInstanceError):
+        Limits().max_frames = 1  # type: ignore[misc]
+
+
+def test_smallest_limits() -> None:
+    selection = Selection(1, 0.0, Limits(max_frames=1))
+    selection.count()
+    assert selection.is_over
+    by_number = Retention(Limits(max_frames=1, ring=True), [entry('a')])
+    assert by_number.make_room(entry('b'), 0) == ['a']
+    by_age = Retention(Limits(max_seconds=1e-9, ring=True), [])
+    by_age.add(entry('a'), 5)
+    assert by_age.make_room(entry('b'), 6) == []
+    assert by_age.make_room(entry('b'), 7) == ['a']
+    by_size = Retention(Limits(max_bytes=1), [])
+    assert by_size.make_room(entry('a', 1), 0) == []
+    with pytest.raises(LimitReached):
+        by_size.make_room(entry('a', 2), 0)
 
 
 def test_longest_duration() -> None:
