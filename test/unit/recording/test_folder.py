@@ -580,6 +580,33 @@ def test_temporary_name_after_the_publication(
     folder.close()
 
 
+def test_file_is_renamed_without_hard_links(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'link', failing(errno.EMLINK))
+    folder = Folder(tmp_path)
+    temporary = folder.write((b'content',))
+    target = folder.publish(temporary, parse_line(manifest_line()), replace=False)
+    assert (target.name, target.read_bytes()) == ('a.png', b'content')
+    assert hidden(tmp_path) == ['.journal']
+    folder.close()
+
+
+def test_journal_has_the_line_before_the_manifest(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def read_journal(*_: object) -> None:
+        (journal,) = tmp_path.glob('.*.journal')
+        found.append((journal.read_bytes(), (tmp_path / 'a.png').exists()))
+
+    found: list[tuple[bytes, bool]] = []
+    monkeypatch.setattr(Manifest, 'append', read_journal)
+    folder, entry = Folder(tmp_path), parse_line(manifest_line())
+    deferred = replace(entry, name='b.png')
+    folder.defer_line(deferred)
+    folder.publish(folder.write(()), entry, replace=False)
+    folder.close()
+    assert found == [(deferred.line() + entry.line() + b'\n', True)]
+
+
 @pytest.mark.parametrize('is_link', [False, True])
 def test_existing_name_without_hard_links(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_link: bool) -> None:

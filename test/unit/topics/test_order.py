@@ -389,6 +389,14 @@ def test_first_message_whose_announcement_was_replaced() -> None:
     assert (order.count, order.is_complete) == (0, False)
 
 
+def test_shared_frame_after_the_first_message() -> None:
+    order = FrameOrder()
+    assert accepts(order, 1) == [1]
+    order.change(PUBLISHER, Way.JOINING)
+    assert order.accepts(PUBLISHER, Position(1, 14, False), 0)
+    assert (order.count, order.is_complete) == (0, False)  # up to 12 frames were shared before
+
+
 def test_many_announcements_without_frames() -> None:
     order = FrameOrder()
     assert order.accepts(PUBLISHER, Position(1), 0)
