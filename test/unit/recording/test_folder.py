@@ -50,6 +50,8 @@ from special_files import KINDS
 from type_hints import resolved_hints
 from waiting import LONGEST_SECONDS, pause, wait_until, work_of
 
+JOURNAL = '.recording-0a1b2c3d-.journal'  # of a recording that was killed
+
 
 def test_removed_folder_is_created_again(tmp_path: Path) -> None:
     folder, console = tmp_path / 'mount' / 'out', Console()
@@ -415,9 +417,9 @@ def test_file_removed_after_its_creation_is_created_again(
     assert not list(tmp_path.glob('.*'))
 
 
-@pytest.mark.parametrize('suffix', ['.png', '.mkv'])
-@pytest.mark.parametrize('kind', ['link', *KINDS])
-@pytest.mark.parametrize('name', [FILE_NAME, '.recording-0a1b2c3d-.journal'])
+@pytest.mark.parametrize(('name', 'kind', 'suffix'), [
+    (FILE_NAME, 'link', '.mkv'), (FILE_NAME, 'fifo', '.png'), (FILE_NAME, 'folder', '.mkv'),
+    (JOURNAL, 'link', '.png'), (JOURNAL, 'socket', '.mkv'), (JOURNAL, 'device', '.png')])
 def test_non_regular_manifest_or_journal_is_refused(
         tmp_path: Path, name: str, kind: str, suffix: str) -> None:
     folder, victim = tmp_path / 'out', tmp_path / 'victim'
@@ -444,7 +446,7 @@ def test_journal_entry_outside_the_folder_is_ignored(tmp_path: Path, name: str) 
     (tmp_path / 'victim').write_text('precious')
     (folder / 'link').symlink_to('../victim')
     os.mkfifo(folder / 'pipe')
-    (folder / '.recording-0a1b2c3d-.journal').write_bytes(manifest_line(file=name, sha256=''))
+    (folder / JOURNAL).write_bytes(manifest_line(file=name, sha256=''))
     Folder(folder).close()
     assert {path.name for path in folder.iterdir()} == {'link', 'pipe'}
 
@@ -469,7 +471,7 @@ def add_file(folder: Path, name: str = 'a.png', **fields: object) -> ManifestEnt
 
 def leave_entry(folder: Path, entry: ManifestEntry) -> None:
     """Write the journal of a killed recording."""
-    (folder / '.recording-0a1b2c3d-.journal').write_bytes(entry.line())
+    (folder / JOURNAL).write_bytes(entry.line())
 
 
 def hidden(folder: Path) -> list[str]:

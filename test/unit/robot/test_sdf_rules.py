@@ -60,7 +60,7 @@ def check_names(element: Element) -> None:
     'warning_robot_name_with_double_colon.urdf', 'warning_robot_name_reserved.urdf',
     'warning_sensor_name_with_double_colon.urdf', 'warning_duplicate_sensor_name.urdf',
     'warning_contact_of_a_renamed_collision.urdf'])
-@pytest.mark.parametrize('version', ['1.7', '1.9', '1.12'])
+@pytest.mark.parametrize('version', ['1.7', '1.12'])
 def test_valid_names_and_restored_names(fixture: str, version: str) -> None:
     path = DATA / 'urdf' / fixture
     robot, _ = read_robot(str(path), Report())

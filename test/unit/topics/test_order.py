@@ -289,8 +289,7 @@ def test_repeated_and_late_messages() -> None:
 
 
 @pytest.mark.parametrize('position', [
-    Position(2**64 - 1), Position(2**40), Position(2**64 - 1, 2, True), Position(2, 2**64 - 1),
-    Position(2, 2**33 + 1, False), Position(2**48 + 1, 2**48 + 1)])
+    Position(2**64 - 1), Position(2, 2**64 - 1), Position(2, 2**33 + 1, False)])
 def test_numbers_beyond_reason(position: Position) -> None:
     order = FrameOrder()
     order.change(PUBLISHER, Way.SHARED if position.number else Way.TOPIC)
