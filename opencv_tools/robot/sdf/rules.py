@@ -200,11 +200,10 @@ def find_flaw(element: Element) -> str:
 
 def _by_end(table: _Ends[_Value], element: Element) -> _Value | None:
     """Return the value of the longest end of an element's path; None if the table has none."""
-    for outer, value in table.get(str(element.tag), ()):
-        if not outer or outer == [str(above.tag) for above in islice(
-                element.iterancestors(), len(outer))]:
-            return value
-    return None
+    return next((
+        value for outer, value in table.get(str(element.tag), ())
+        if outer == [str(above.tag) for above in islice(element.iterancestors(), len(outer))]),
+        None)
 
 
 def keep_sdf_rules(root: Element, source: str, report: Report) -> None:

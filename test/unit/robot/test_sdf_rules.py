@@ -284,6 +284,7 @@ def test_pose_by_its_rotation_format(attribute: str, counts: list[int], expected
     ('<name>x</name>', ''),
     ('<mass>x<unit/></mass>', ''),  # content that is not a text
     ('<mu>nan</mu>', ''),
+    ('<restitution_coefficient>1_9</restitution_coefficient>', ''),  # the text after 1 is ignored
     ('<mu>-0x1</mu>', "'-0x1' is outside of 0 to inf"),
     ('<rate>-1</rate>', ''),
     ('<light name="l" type="point"><rate>-1</rate></light>', ''),
