@@ -396,6 +396,27 @@ def test_shared_frame_after_the_first_message() -> None:
     assert (order.count, order.is_complete) == (0, False)  # up to 12 frames were shared before
 
 
+def test_number_of_a_message_that_is_repeated_as_a_shared_one() -> None:
+    clock = Clock()
+    order = FrameOrder(clock)
+    clock.now += 10
+    assert accepts(order, 5, 6) == [5, 6]
+    assert (order.count, order.is_complete) == (4, True)
+    order.change(PUBLISHER, Way.JOINING)
+    assert not order.accepts(PUBLISHER, Position(6, 10), 0)
+    assert (order.count, order.is_complete) == (8, True)  # of 10 frames
+
+
+def test_repeated_and_late_shared_frames() -> None:
+    order = FrameOrder()
+    order.change(PUBLISHER, Way.SHARED)
+    places = [Position(0, 1, False), Position(0, 2, False), Position(0, 2, False),
+              Position(0, 1, False), Position(1, 3), Position(0, 4, False), Position(1, 5, False)]
+    assert [place for place in places if order.accepts(PUBLISHER, place, 0)] == [
+        places[number] for number in (0, 1, 4, 6)]
+    assert order.count == 1
+
+
 def test_many_announcements_without_frames() -> None:
     order = FrameOrder()
     assert order.accepts(PUBLISHER, Position(1), 0)
