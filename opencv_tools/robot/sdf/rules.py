@@ -50,13 +50,6 @@ _NUMBER = re.compile(
 
 def _read_number(text: str) -> float | None:
     """Return the number at the start of a text, as C reads it; None if there is no number."""
-    if text.isascii() and '_' not in text:  # float() is faster and has the same result
-        try:
-            value = float(text)
-        except ValueError:
-            pass
-        else:
-            return None if math.isinf(value) and 'n' not in text.lower() else value
     found = _NUMBER.match(text)
     if found is None:
         return None
@@ -234,8 +227,6 @@ def _rename_children(element: Element, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     renamable = [child for child in named if not _has_valid_name(child)]
-    if not renamable:
-        return
     taken = Names(child.get('name', '') for child in named if _has_valid_name(child))
     for child in renamable:
         name = new = child.get('name', '')
