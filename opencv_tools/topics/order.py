@@ -23,6 +23,7 @@ from typing import NamedTuple
 
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.only_shared import OnlyShared
+from opencv_tools.units import NANO
 
 # A publisher that is discovered later than this after the subscription counts as new.
 _DISCOVERY_SECONDS = 2.0
@@ -149,7 +150,7 @@ class _Publisher:
                 self.last if position.number else 0, position.message, publish_ns, now)
         elif publish_ns and (
                 0 < (steps := self.last - self._number_of(self._first)) <= _MEASURED_STEPS):
-            self._period = (publish_ns - self._first.publish_ns) / steps / 1e9
+            self._period = (publish_ns - self._first.publish_ns) / steps / NANO
 
     def _is_after_last(self, position: Position) -> bool:
         steps = position.message - self._message, position.number - self._number
