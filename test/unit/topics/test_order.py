@@ -280,6 +280,17 @@ def test_messages_that_arrived_without_their_number() -> None:
         assert order.count == lost
 
 
+def test_message_without_a_number_before_a_later_gap() -> None:
+    order = FrameOrder()
+    accepts(order, 1, 3)
+    order.add_unnumbered()
+    for number in (4, 6):  # the gap is before 6
+        accepts(order, number)
+        assert order.count == 1
+    accepts(order, 8)
+    assert order.count == 2
+
+
 def test_repeated_and_late_messages() -> None:
     order = FrameOrder()
     numbers = [1, 2, 2, 5, 3, 4, 5, 6]
