@@ -178,10 +178,12 @@ class Folder:
         :param frames: number of its frames; None if it has not changed.
         :raises OSError: the file cannot be read, or the manifest cannot be written.
         """
-        if frames is not None:
-            for entry in [line for line in self.manifest.entries() if line.name == name][-1:]:
-                self.manifest.replace(
-                    _measured(self.path, replace(entry, sha256='', frames=frames)), self.write)
+        if frames is None:
+            return
+        entry = {line.name: line for line in self.manifest.entries()}.get(name)
+        if entry:
+            self.manifest.replace(
+                _measured(self.path, replace(entry, sha256='', frames=frames)), self.write)
 
     def remove_stale_lines(self, names: FileNames) -> None:
         """

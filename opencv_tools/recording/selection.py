@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+import math
 import time
 from typing import TypeVar
 
@@ -27,13 +28,12 @@ from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.units import NANO
 
-# Arrival time in nanoseconds of files whose age is unknown.
-_UNKNOWN_AGE_NS = -1 << 62
-
+# Arrival time of files whose age is unknown.
+_UNKNOWN_AGE_NS = -math.inf
 
 _RING_FILES = 10  # videos or bags that a ring of them consists of
 
-_NOTHING = (0, 0, 0)  # size, frames and arrival time
+_NOTHING = (0, 0, _UNKNOWN_AGE_NS)  # size, frames and arrival time
 
 N = TypeVar('N', int, float)
 
@@ -75,7 +75,7 @@ class Limits:
 
 def _least(*limits: N) -> N:
     """Return the least limit, where 0 means no limit."""
-    return min(filter(None, limits), default=limits[0])
+    return min(filter(None, limits), default=0)
 
 
 class Selection:
@@ -152,7 +152,7 @@ class Retention:
         """
         self._limits = limits
         # size, number of frames and arrival time, oldest first
-        self._kept: dict[str, tuple[int, int, int]] = {}
+        self._kept: dict[str, tuple[int, int, float]] = {}
         now, offset = wall(), wall() - monotonic()
         earlier = {entry.name: entry for entry in entries} if limits.ring else {}
         for entry in sorted(earlier.values(), key=lambda entry: (

@@ -17,13 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from enum import auto, Enum
 import time
 from typing import NamedTuple
 
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.only_shared import OnlyShared
+from opencv_tools.units import NANO
 
 # A publisher that is discovered later than this after the subscription counts as new.
 _DISCOVERY_SECONDS = 2.0
@@ -59,8 +59,7 @@ class Position(NamedTuple):
     is_message: bool = True
 
 
-@dataclass(frozen=True)
-class _FirstFrame:
+class _FirstFrame(NamedTuple):
     """
     The first frame of a publisher that arrived; earlier frames may have been lost.
 
@@ -95,19 +94,17 @@ class _Publisher:
     @property
     def lost(self) -> int:
         """Return the number of frames that were published, but neither arrived nor will arrive."""
-        if self._first is None:
-            return 0
-        begin = self._first_number - 1 if self.is_partial else 0
+        begin = self._number_of(self._first) - 1 if self._first and self.is_partial else 0
         return max(0, self.last - begin - self._arrived)
 
     @property
     def is_partial(self) -> bool:
         """Return whether the frames before the first one that arrived are not counted."""
-        if self._first is None or self._first_number == 1:
+        if self._first is None or (number := self._number_of(self._first)) == 1:
             return False
         if self._since is None or self._period is None:
             return True
-        return self._first.arrived - (self._first_number - 1) * self._period < self._since
+        return self._first.arrived - (number - 1) * self._period < self._since
 
     def learn(self, messages: int, number: int) -> None:
         """Record that a number of messages are among the first frames."""
@@ -142,20 +139,18 @@ class _Publisher:
             self._measure(position, publish_ns, now)
         return is_new
 
-    @property
-    def _first_number(self) -> int:
+    def _number_of(self, first: _FirstFrame) -> int:
         """Return the number of the first frame that arrived, as far as it is known."""
-        if self._first is None:
-            return 0
-        return self._first.number or self._first.message + self._only_shared.before_first
+        return first.number or first.message + self._only_shared.before_first
 
     def _measure(self, position: Position, publish_ns: int, now: float) -> None:
         """Remember the first frame, and the period until the next one."""
         if self._first is None:
             self._first = _FirstFrame(
                 self.last if position.number else 0, position.message, publish_ns, now)
-        elif 0 < (steps := self.last - self._first_number) <= _MEASURED_STEPS:
-            self._period = (publish_ns - self._first.publish_ns) / steps / 1e9
+        elif publish_ns and (
+                0 < (steps := self.last - self._number_of(self._first)) <= _MEASURED_STEPS):
+            self._period = (publish_ns - self._first.publish_ns) / steps / NANO
 
     def _is_after_last(self, position: Position) -> bool:
         steps = position.message - self._message, position.number - self._number
@@ -264,7 +259,7 @@ class FrameOrder:
 
         :param publisher: identifier of the publisher.
         :param position: its place; without any number the frame is always new.
-        :param publish_ns: time of publication in nanoseconds of any clock of the publisher.
+        :param publish_ns: time of publication in nanoseconds of the publisher; 0 if unknown.
         :raises CdrError: the numbers are too far from those of the last frame.
         """
         if not (position.message or position.number):

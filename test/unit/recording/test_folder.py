@@ -20,6 +20,7 @@ from collections.abc import Callable
 from dataclasses import replace
 import errno
 import fcntl
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -33,10 +34,11 @@ from conftest import read_manifest, recorded_files
 from console import Console
 import cv2
 import numpy as np
+from opencv_tools.recording import folder as folder_module
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.image_encoder import EncoderSettings
-from opencv_tools.recording.manifest import FILE_NAME, Manifest
+from opencv_tools.recording.manifest import FILE_NAME, Manifest, ManifestEntry, parse_line
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import Recorder
@@ -45,7 +47,10 @@ import pytest
 from recordings import (
     failing, gray_frame, gray_numbers, image_sink, manifest_line, record, record_ring)
 from special_files import KINDS
+from type_hints import resolved_hints
 from waiting import LONGEST_SECONDS, pause, wait_until, work_of
+
+JOURNAL = '.recording-0a1b2c3d-.journal'  # of a recording that was killed
 
 
 def test_removed_folder_is_created_again(tmp_path: Path) -> None:
@@ -412,9 +417,9 @@ def test_file_removed_after_its_creation_is_created_again(
     assert not list(tmp_path.glob('.*'))
 
 
-@pytest.mark.parametrize('suffix', ['.png', '.mkv'])
-@pytest.mark.parametrize('kind', ['link', *KINDS])
-@pytest.mark.parametrize('name', [FILE_NAME, '.recording-0a1b2c3d-.journal'])
+@pytest.mark.parametrize(('name', 'kind', 'suffix'), [
+    (FILE_NAME, 'link', '.mkv'), (FILE_NAME, 'fifo', '.png'), (FILE_NAME, 'folder', '.mkv'),
+    (JOURNAL, 'link', '.png'), (JOURNAL, 'socket', '.mkv'), (JOURNAL, 'device', '.png')])
 def test_non_regular_manifest_or_journal_is_refused(
         tmp_path: Path, name: str, kind: str, suffix: str) -> None:
     folder, victim = tmp_path / 'out', tmp_path / 'victim'
@@ -441,7 +446,7 @@ def test_journal_entry_outside_the_folder_is_ignored(tmp_path: Path, name: str) 
     (tmp_path / 'victim').write_text('precious')
     (folder / 'link').symlink_to('../victim')
     os.mkfifo(folder / 'pipe')
-    (folder / '.recording-0a1b2c3d-.journal').write_bytes(manifest_line(file=name, sha256=''))
+    (folder / JOURNAL).write_bytes(manifest_line(file=name, sha256=''))
     Folder(folder).close()
     assert {path.name for path in folder.iterdir()} == {'link', 'pipe'}
 
@@ -453,3 +458,264 @@ def test_journal_without_a_number_removes_nothing(tmp_path: Path) -> None:
     Folder(tmp_path).close()
     assert temporary.exists()
     other.close()
+
+
+DIGEST = hashlib.sha256(b'content').hexdigest()
+
+
+def add_file(folder: Path, name: str = 'a.png', **fields: object) -> ManifestEntry:
+    """Write a file of seven bytes, and return its entry."""
+    (folder / name).write_bytes(b'content')
+    return parse_line(manifest_line(file=name, bytes=7, sha256=DIGEST, **fields))
+
+
+def leave_entry(folder: Path, entry: ManifestEntry) -> None:
+    """Write the journal of a killed recording."""
+    (folder / JOURNAL).write_bytes(entry.line())
+
+
+def hidden(folder: Path) -> list[str]:
+    return [path.suffix for path in folder.glob('.*')]
+
+
+def test_types_of_the_interface() -> None:
+    hints = resolved_hints(folder_module)['Folder.update_line']
+    assert hints == {'name': str, 'frames': int | None, 'return': type(None)}
+
+
+@pytest.mark.parametrize(('name', 'found', 'frames'), [
+    ('a.MKV', 7, 7), ('a.MKV', 1, 1), ('a.MKV', None, 0), ('a.png', 7, 0)])
+def test_file_that_is_finished_after_a_kill(
+        tmp_path: Path, name: str, found: int | None, frames: int) -> None:
+    entry = add_file(tmp_path, name, frames=3)
+    leave_entry(tmp_path, replace(entry, size=0, sha256=''))
+    finished = []
+    Folder(tmp_path, finishers={'.mkv': lambda path: finished.append(path) or found}).close()
+    assert finished == [tmp_path / name][:name == 'a.MKV']
+    assert Manifest(tmp_path).entries() == [replace(entry, frames=frames)]
+    assert hidden(tmp_path) == []
+
+
+def test_file_without_frames_is_removed_after_a_kill(tmp_path: Path) -> None:
+    entry = add_file(tmp_path, 'a.mkv')
+    leave_entry(tmp_path, replace(entry, sha256=''))
+    Folder(tmp_path, finishers={'.mkv': lambda _: 0}).close()
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_finished_file_is_not_finished_again(tmp_path: Path) -> None:
+    entry = add_file(tmp_path, 'a.mkv', frames=3)
+    leave_entry(tmp_path, entry)
+    Folder(tmp_path, finishers={'.mkv': lambda _: 0}).close()
+    assert Manifest(tmp_path).entries() == [entry]
+
+
+def test_entry_of_another_content_is_not_added(tmp_path: Path) -> None:
+    leave_entry(tmp_path, replace(add_file(tmp_path), sha256='00'))
+    Folder(tmp_path).close()
+    assert [path.name for path in tmp_path.iterdir()] == ['a.png']
+
+
+@pytest.mark.parametrize(('name', 'digest', 'numbers'), [
+    ('a.png', DIGEST, [4]),  # the manifest has the line
+    ('b.png', DIGEST, [4, 9]), ('a.png', '00', [9])])
+@pytest.mark.parametrize('is_finished', [False, True])
+def test_entry_beside_a_line_of_the_manifest(
+        tmp_path: Path, name: str, digest: str, numbers: list[int], is_finished: bool) -> None:
+    Manifest(tmp_path).append(replace(add_file(tmp_path, name), seq=4, sha256=digest))
+    entry = add_file(tmp_path, seq=9)
+    leave_entry(tmp_path, entry if is_finished else replace(entry, sha256=''))
+    Folder(tmp_path).close()
+    assert [line.seq for line in Manifest(tmp_path).entries()] == numbers
+
+
+def test_digest_of_a_long_unfinished_file(tmp_path: Path) -> None:
+    entry = replace(add_file(tmp_path), sha256='')
+    os.truncate(tmp_path / 'a.png', 2**30 + 1)  # without blocks on the disk
+    leave_entry(tmp_path, entry)
+    Folder(tmp_path).close()
+    assert Manifest(tmp_path).entries() == [replace(entry, size=2**30 + 1, frames=0)]
+
+
+@pytest.mark.parametrize(('most', 'is_finished', 'has_digest'), [
+    (7, False, True), (6, False, False), (6, True, True)])
+def test_longest_file_with_a_digest(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, is_finished: bool,
+        has_digest: bool) -> None:
+    monkeypatch.setattr(folder_module, '_MAX_HASHED_BYTES', most)
+    entry = add_file(tmp_path)
+    leave_entry(tmp_path, entry if is_finished else replace(entry, sha256=''))
+    Folder(tmp_path).close()
+    assert [line.sha256 for line in Manifest(tmp_path).entries()] == [DIGEST if has_digest else '']
+
+
+@pytest.mark.parametrize('replaced', [False, True])
+def test_published_file_and_its_line(tmp_path: Path, replaced: bool) -> None:
+    entry = add_file(tmp_path)
+    folder = Folder(tmp_path)
+    temporary = folder.write((b'con', b'tents'))
+    assert (temporary.read_bytes(), folder.path) == (b'contents', tmp_path)
+    if replaced:
+        assert folder.publish(temporary, entry, replace=True) == tmp_path / 'a.png'
+        assert folder.manifest.entries() == [entry]
+    else:
+        with pytest.raises(FileExistsError):
+            folder.publish(temporary, entry, replace=False)
+        assert not (tmp_path / FILE_NAME).exists()
+    assert (tmp_path / 'a.png').read_bytes() == (b'contents' if replaced else b'content')
+    assert temporary.exists() is not replaced
+    folder.close()
+
+
+def test_temporary_name_after_the_publication(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = Folder(tmp_path)
+    entry = parse_line(manifest_line())
+    folder.publish(folder.write((b'content',)), entry, replace=False)
+    assert hidden(tmp_path) == ['.journal']
+    temporary = folder.write((b'content',))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'unlink', failing(errno.EROFS))
+        folder.publish(temporary, replace(entry, name='b.png'), replace=False)
+    assert [line.name for line in folder.manifest.entries()] == ['a.png', 'b.png']
+    assert temporary.samefile(tmp_path / 'b.png')  # the next recording removes the first name
+    folder.close()
+
+
+def test_file_is_renamed_without_hard_links(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'link', failing(errno.EMLINK))
+    folder = Folder(tmp_path)
+    temporary = folder.write((b'content',))
+    target = folder.publish(temporary, parse_line(manifest_line()), replace=False)
+    assert (target.name, target.read_bytes()) == ('a.png', b'content')
+    assert hidden(tmp_path) == ['.journal']
+    folder.close()
+
+
+def test_journal_has_the_line_before_the_manifest(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def read_journal(*_: object) -> None:
+        (journal,) = tmp_path.glob('.*.journal')
+        found.append((journal.read_bytes(), (tmp_path / 'a.png').exists()))
+
+    found: list[tuple[bytes, bool]] = []
+    monkeypatch.setattr(Manifest, 'append', read_journal)
+    folder, entry = Folder(tmp_path), parse_line(manifest_line())
+    folder.publish(folder.write(()), entry, replace=False)
+    folder.close()
+    assert found == [(entry.line() + b'\n', True)]
+
+
+@pytest.mark.parametrize('is_link', [False, True])
+def test_existing_name_without_hard_links(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_link: bool) -> None:
+    target = tmp_path / 'a.png'
+    if is_link:
+        target.symlink_to('nothing')
+    else:
+        target.touch()
+    monkeypatch.setattr(os, 'link', failing(errno.EPERM))
+    folder = Folder(tmp_path)
+    with pytest.raises(FileExistsError) as caught:
+        folder.publish(folder.write(()), parse_line(manifest_line()), replace=False)
+    folder.close()
+    error = caught.value
+    assert (error.errno, error.strerror, error.filename) == (
+        errno.EEXIST, 'File exists', str(target))
+
+
+def test_file_that_disappears_before_its_line(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def remove_and_fail(*_: object) -> None:
+        (tmp_path / 'a.png').unlink()
+        raise OSError(errno.ENOSPC, 'full')
+
+    monkeypatch.setattr(Manifest, 'append', remove_and_fail)
+    folder = Folder(tmp_path)
+    with pytest.raises(OSError, match='full'):
+        folder.publish(folder.write(()), parse_line(manifest_line()), replace=False)
+    folder.close()
+
+
+def test_folder_that_is_not_removed_is_created_again(tmp_path: Path) -> None:
+    folder = Folder(tmp_path / 'out')
+    (journal,) = (tmp_path / 'out').iterdir()
+    folder.recreate()
+    assert [*(tmp_path / 'out').iterdir()] == [journal]
+    journal.unlink()
+    folder.recreate()
+    assert hidden(tmp_path / 'out') == ['.journal']
+    folder.close()
+
+
+def test_most_deferred_lines(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    for number in range(102):
+        folder.defer_line(add_file(tmp_path, f'{number}.png', seq=number))
+    folder.write_deferred()
+    assert [line.seq for line in folder.manifest.entries()] == [*range(2, 102)]
+    folder.write_deferred()
+    assert len(folder.manifest.entries()) == 100
+    folder.close()
+    assert hidden(tmp_path) == []
+
+
+def test_deferred_line_of_an_unfinished_file(tmp_path: Path) -> None:
+    entry = add_file(tmp_path)
+    folder = Folder(tmp_path)
+    folder.defer_line(replace(entry, size=0, sha256=''))
+    folder.write_deferred()
+    assert folder.manifest.entries() == [replace(entry, frames=0)]
+    folder.close()
+
+
+def test_deferred_lines_of_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    entries = [add_file(tmp_path, name) for name in ('a.png', 'b.png')]
+    folder = Folder(tmp_path)
+    for entry in entries:
+        folder.defer_line(entry)
+    with monkeypatch.context() as patch:
+        patch.setattr(Manifest, 'append', failing(errno.ENOSPC))
+        with pytest.raises(OSError, match='No space left on device'):
+            folder.write_deferred()
+    folder.close()
+    assert hidden(tmp_path) == ['.journal']  # for the next recording
+    Folder(tmp_path).close()
+    assert (Manifest(tmp_path).entries(), hidden(tmp_path)) == (entries, [])
+
+
+@pytest.mark.parametrize('frames', [0, 5])
+def test_line_of_a_changed_file(tmp_path: Path, frames: int) -> None:
+    folder = Folder(tmp_path)
+    for number, name in enumerate(('a.png', 'b.png', 'a.png', 'c.png')):
+        folder.manifest.append(add_file(tmp_path, name, seq=number))
+    (tmp_path / 'a.png').write_bytes(b'longer content')
+    folder.update_line('a.png', frames)
+    lines = {line.seq: line for line in folder.manifest.entries()}
+    assert sorted(lines) == [1, 2, 3]  # the last line of the file counts
+    assert (lines[2].name, lines[2].frames, lines[2].size, lines[2].sha256) == (
+        'a.png', frames, 14, hashlib.sha256(b'longer content').hexdigest())
+    folder.close()
+
+
+@pytest.mark.parametrize(('name', 'frames'), [('a.png', None), ('b.png', 5)])
+def test_line_of_an_unchanged_file(tmp_path: Path, name: str, frames: int | None) -> None:
+    folder = Folder(tmp_path)
+    entry = add_file(tmp_path)
+    folder.manifest.append(entry)
+    (tmp_path / 'a.png').write_bytes(b'longer content')
+    folder.update_line(name, frames)
+    assert folder.manifest.entries() == [entry]
+    folder.close()
+
+
+def test_stale_lines_are_removed(tmp_path: Path) -> None:
+    folder = Folder(tmp_path)
+    for name in ('000.png', '001.png', 'other.png', '000.png'):
+        folder.manifest.append(add_file(tmp_path, name))
+    for name in ('001.png', 'other.png'):
+        (tmp_path / name).unlink()
+    folder.remove_stale_lines(FileNames('{seq:03d}.png'))
+    assert [line.name for line in folder.manifest.entries()] == ['000.png', 'other.png']
+    folder.close()

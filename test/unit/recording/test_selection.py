@@ -16,15 +16,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
+from opencv_tools.recording import selection as selection_module
 from opencv_tools.recording.errors import LimitReached, UnwritableError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.selection import Limits, Retention, Selection
 import pytest
+from type_hints import resolved_hints
 
 NANO = 10**9
 
@@ -99,11 +101,12 @@ def test_selection_ends_at_max_frames() -> None:
     assert not ring.is_over
 
 
-def test_duration_begins_with_the_first_frame() -> None:
-    times = iter([0.0, 1.0, 1.9, 2.0])
-    selection = Selection(1, 0.0, Limits(max_seconds=2.0), lambda: next(times))
+@pytest.mark.parametrize('seconds', [0.5, 2.0])
+def test_duration_begins_with_the_first_frame(seconds: float) -> None:
+    times = iter([50.0, 50.0 + 0.99 * seconds, 50.0 + seconds])
+    selection = Selection(1, 0.0, Limits(max_seconds=seconds), lambda: next(times))
     assert not selection.has_begun
-    assert [selection.is_late() for _ in range(4)] == [False, False, False, True]
+    assert [selection.is_late() for _ in range(3)] == [False, False, True]
     assert selection.has_begun
     for_ever = Selection(1, 0.0, Limits(), iter([0.0, 1e9]).__next__)
     assert not for_ever.is_late() and not for_ever.is_late()
@@ -132,8 +135,12 @@ def test_ring_deletes_as_many_files_as_necessary() -> None:
     assert fill(retention, entry('d')) == ['a']
     assert fill(retention, entry('large', 25)) == ['b', 'c', 'd']
     assert retention.count == 1
-    with pytest.raises(UnwritableError, match='a file of 31 bytes does not fit in the ring'):
+    assert retention.make_room(entry('larger', 30), 0) == ['large']
+    with pytest.raises(UnwritableError) as caught:
         retention.make_room(entry('larger', 31), 0)
+    assert str(caught.value) == ('a file of 31 bytes does not fit in the ring, whose max_bytes is '
+                                 '30: give a larger max_bytes')
+    assert retention.count == 1
 
 
 def test_ring_counts_the_frames_of_its_files() -> None:
@@ -158,6 +165,42 @@ def test_limits_of_one_file(limits: Limits, expected: Limits) -> None:
     assert limits.of_one_file() == expected
 
 
+def test_limits_that_are_not_set() -> None:
+    assert Limits() == Limits(max_frames=0, max_seconds=0.0, max_bytes=0, ring=False,
+                              split_seconds=0.0, split_bytes=0)
+    assert Limits().max_ns == 0
+    with pytest.raises(FrozenInstanceError):
+        Limits().max_frames = 1  # type: ignore[misc]
+
+
+def test_smallest_limits() -> None:
+    selection = Selection(1, 0.0, Limits(max_frames=1))
+    selection.count()
+    assert selection.is_over
+    by_number = Retention(Limits(max_frames=1, ring=True), [entry('a')])
+    assert by_number.make_room(entry('b'), 0) == ['a']
+    by_age = Retention(Limits(max_seconds=1e-9, ring=True), [])
+    by_age.add(entry('a'), 5)
+    assert by_age.make_room(entry('b'), 6) == []
+    assert by_age.make_room(entry('b'), 7) == ['a']
+    by_size = Retention(Limits(max_bytes=1), [])
+    assert by_size.make_room(entry('a', 1), 0) == []
+    with pytest.raises(LimitReached):
+        by_size.make_room(entry('a', 2), 0)
+
+
+def test_longest_duration() -> None:
+    limits = Limits(max_seconds=1.5)
+    assert (limits.max_ns, Selection(1, 0.0, limits).max_seconds) == (1_500_000_000, 1.5)
+    ring = replace(limits, ring=True)
+    assert (ring.max_ns, Selection(1, 0.0, ring).max_seconds) == (1_500_000_000, 0.0)
+
+
+def test_types_of_the_interface() -> None:
+    hints = resolved_hints(selection_module)
+    assert hints['Selection.selects'] == {'frame': ReceivedFrame, 'return': bool}
+
+
 HOUR = 3600 * NANO
 WALL = 500_000 * HOUR
 
@@ -180,6 +223,16 @@ def test_file_with_a_future_time_is_the_oldest() -> None:
     assert fill(by_number, entry('a'), entry('b'), arrival_ns=HOUR) == ['future', 'older']
 
 
+def test_file_of_this_moment_has_a_known_age() -> None:
+    earlier = [entry('now', 10, WALL), entry('old', 10, WALL - NANO)]
+    by_age = Retention(Limits(max_seconds=2.0, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    assert fill(by_age, entry('a'), arrival_ns=HOUR + NANO) == []
+    assert fill(by_age, entry('b'), arrival_ns=HOUR + NANO + 1) == ['old']
+    assert fill(by_age, entry('c'), arrival_ns=HOUR + 2 * NANO + 1) == ['now']
+    by_number = Retention(Limits(max_frames=2, ring=True), earlier, lambda: HOUR, lambda: WALL)
+    assert fill(by_number, entry('a')) == ['old']
+
+
 def test_replaced_file_is_counted_once() -> None:
     retention = Retention(Limits(max_bytes=30, max_frames=3, ring=True), [])
     assert fill(retention, entry('a'), entry('b'), entry('c'), entry('b'), entry('a')) == []
@@ -189,6 +242,9 @@ def test_replaced_file_is_counted_once() -> None:
 def test_no_file_is_deleted_without_a_ring() -> None:
     retention = Retention(Limits(max_frames=1, max_bytes=25), [])
     assert fill(retention, entry('a'), entry('b')) == []
-    with pytest.raises(LimitReached):
+    with pytest.raises(LimitReached, match=r'^max_bytes is 25, the next file has 10 bytes$'):
         retention.make_room(entry('c'), 0)
     assert fill(retention, entry('small', 5)) == []
+    assert retention.count == 0
+    with pytest.raises(LimitReached):
+        retention.make_room(entry('small', 1), 0)

@@ -27,15 +27,18 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Inertial, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.physical import is_physical
 from opencv_tools.robot.pose import Pose, Tensor
+from opencv_tools.robot.sdf import rules
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.sdf.rules import find_flaw
+from opencv_tools.robot.sdf.rules import find_flaw, keep_sdf_rules, parsed_elements
 from opencv_tools.robot.urdf.reader import read_urdf
-from opencv_tools.robot.xml.document import Element, parse, to_bytes
+from opencv_tools.robot.xml.document import DescriptionError, Element, parse, to_bytes
 from opencv_tools.robot.xml.numbers import number_text
+from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_TAG
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 from sdf_models import with_shape
+from type_hints import resolved_hints
 
 
 DATA = Path(__file__).parents[2] / 'data' / 'robots'
@@ -57,7 +60,7 @@ def check_names(element: Element) -> None:
     'warning_robot_name_with_double_colon.urdf', 'warning_robot_name_reserved.urdf',
     'warning_sensor_name_with_double_colon.urdf', 'warning_duplicate_sensor_name.urdf',
     'warning_contact_of_a_renamed_collision.urdf'])
-@pytest.mark.parametrize('version', ['1.7', '1.9', '1.12'])
+@pytest.mark.parametrize('version', ['1.7', '1.12'])
 def test_valid_names_and_restored_names(fixture: str, version: str) -> None:
     path = DATA / 'urdf' / fixture
     robot, _ = read_robot(str(path), Report())
@@ -207,3 +210,188 @@ def test_values_of_tags_with_several_meanings(text: str, flaw: str) -> None:
     element = etree.fromstring(text)
     found = ''.join(map(find_flaw, element.iter()))
     assert found.startswith(flaw) and bool(found) == bool(flaw)
+
+
+def flaws(text: str) -> str:
+    """Return why the parser rejects a text of XML, or elements inside."""
+    return ''.join(map(find_flaw, etree.fromstring(text).iter()))
+
+
+def test_types_of_the_interface() -> None:
+    assert resolved_hints(rules)['find_flaw'] == {'element': Element, 'return': str}
+
+
+@pytest.mark.parametrize(('path', 'low', 'below', 'least'), [
+    *((path, '0', '-1e-9', '0') for path in (
+        'bias_stddev', 'bullet/friction', 'coefficient', 'cutoff_angle', 'dynamic_bias_stddev',
+        'friction2', 'max_velocity', 'min_velocity', 'mu', 'mu2', 'near', 'patch_radius',
+        'restitution_coefficient', 'scale_rate', 'stddev', 'surface_radius',
+        'particle_emitter/rate')),
+    ('far', '0.1', '0.0999', '0.1'), ('camera/horizontal_fov', '0.1', '0.0999', '0.1')])
+def test_least_value_of_the_schema(path: str, low: str, below: str, least: str) -> None:
+    *outer, tag = path.split('/')
+    element = etree.Element(tag)
+    if outer:
+        etree.Element(outer[0], name='n', type='point').append(element)
+    element.text = low
+    assert find_flaw(element) == ''
+    element.text = below
+    assert find_flaw(element).startswith(f'{below!r} is outside of {least} to ')
+
+
+@pytest.mark.parametrize(('tag', 'high', 'above', 'bounds'), [
+    ('cutoff_angle', '3.141592653', '3.141592654', '0 to 3.14159'),
+    ('horizontal_fov', '6.283186', '6.283187', '0.1 to 6.28319'),
+    ('restitution_coefficient', '1', '1.0001', '0 to 1')])
+def test_greatest_value_of_the_schema(tag: str, high: str, above: str, bounds: str) -> None:
+    assert flaws(f'<{tag}>{high}</{tag}>') == ''
+    assert flaws(f'<{tag}>{above}</{tag}>') == f'{above!r} is outside of {bounds}'
+
+
+@pytest.mark.parametrize(('tag', 'valid', 'invalid', 'expected'), [
+    ('mass', ['0', ' 1.5 kg', '1_0', '.5', '5.', '+1e3', '-INF', 'infinity', 'NaN', '-0XfF',
+              'infx', '9e307'],
+     ['x', '-', '.', '1e309', '-1e309 kg', '0x' + 'f' * 300, 'e3', '\u0967', '\u0131nf'],
+     'a number'),
+    ('static', ['0', '1', 'true', 'FALSE'], ['2', '-1', 'yes', '1 1'], 'true or false'),
+    ('fdir1', ['1 2 3', '1 2 3 x', '0x1 2 3kg', '1 2 3 inf'], ['1 2', '1 2 x', '1 inf 3'],
+     '3 numbers'),
+    ('ambient', ['1 0 0', '1 0 0 1', 'inf 0 nan'], ['1 0', '1 0 0 1 1', '1 0 x', '1 0 0 x'],
+     '3 or 4 numbers'),
+    ('pose', ['1 2 3 4 5 6'], ['1 2 3 4 5', '1 2 3 4 5 6 7', '1 2 3 4 5 x', '1 2 3 4 5 inf'],
+     '6 finite numbers')])
+def test_texts_by_kind(tag: str, valid: list[str], invalid: list[str], expected: str) -> None:
+    for text in ('', ' ', *valid):
+        assert flaws(f'<{tag}>{text}</{tag}>') == ''
+    for text in invalid:
+        assert flaws(f'<{tag}>{text}</{tag}>') == f'{text!r} is not {expected}'
+
+
+@pytest.mark.parametrize(('attribute', 'counts', 'expected'), [
+    ('quat_xyzw', [7], '7 finite numbers'), ('euler_rpy', [6], '6 finite numbers')])
+def test_pose_by_its_rotation_format(attribute: str, counts: list[int], expected: str) -> None:
+    valid = []
+    for count in range(5, 9):
+        text = ' '.join(['0'] * count)
+        found = flaws(f'<pose rotation_format="{attribute}">{text}</pose>')
+        assert found in ('', f'{text!r} is not {expected}')
+        valid += [count] * (not found)
+    assert valid == counts
+
+
+@pytest.mark.parametrize(('text', 'flaw'), [
+    ('<mass rotation_format="quat_xyzw">1</mass>', ''),
+    ('<name>x</name>', ''),
+    ('<mass>x<unit/></mass>', ''),  # content that is not a text
+    ('<mu>nan</mu>', ''),
+    ('<restitution_coefficient>1_9</restitution_coefficient>', ''),  # the text after 1 is ignored
+    ('<mu>-0x1</mu>', "'-0x1' is outside of 0 to inf"),
+    ('<rate>-1</rate>', ''),
+    ('<light name="l" type="point"><rate>-1</rate></light>', ''),
+    ('<lidar><x><noise><stddev>-1</stddev></noise></x></lidar>', "'-1' is outside of 0 to inf"),
+    ('<x><ray><noise><stddev>-1</stddev></noise></ray></x>', ''),
+    ('<logical_camera><horizontal_fov>7</horizontal_fov></logical_camera>', ''),
+    ('<gripper name="g"/>', ''),
+    ('<gripper name=" "/>', 'has no name=, which SDF requires'),
+    ('<projector/>', 'has no name=, which SDF requires'),
+    ('<particle_emitter name="p"/>', 'has no type=, which SDF requires'),
+    ('<particle_emitter name="p" type="any"/>', ''),
+    ('<plugin name="p"/>', 'has no filename=, which SDF requires'),
+    ('<light name="l" type="lamp"/>', "type='lamp' is not a type of <light> in SDF")])
+def test_flaws_of_elements(text: str, flaw: str) -> None:
+    assert flaws(text) == flaw
+
+
+@pytest.mark.parametrize(('plugin', 'is_valid'), [
+    ('name="p" filename="f"', True), ('name="p"', False), ('filename="f"', False),
+    ('name=" " filename="f"', False), ('name="p" filename=" "', False)])
+def test_plugin_of_an_element(plugin: str, is_valid: bool) -> None:
+    element = etree.fromstring(f'<model><plugin {plugin}/></model>')
+    assert find_flaw(element) == (
+        '' if is_valid else 'has a <plugin> without filename= or name=, which SDF requires')
+
+
+def test_elements_that_the_parser_reads() -> None:
+    root = etree.fromstring(
+        '<a><b><c/><!-- c --><plugin><mass/></plugin></b><x:d xmlns:x="u"><e/></x:d><f/></a>')
+    assert [element.tag for element in parsed_elements(root)] == ['a', 'b', 'c', 'f']
+
+
+def kept(content: str) -> tuple[Element, Report]:
+    """Return a link with changed content and the report."""
+    report = Report()
+    root = parse(f'<sdf><model name="m"><link name="l">\n{content}</link></model></sdf>'.encode(),
+                 'a.sdf', report)
+    keep_sdf_rules(root, 'a.urdf', report)
+    return root[0][0], report
+
+
+def test_invalid_value_is_an_error_with_its_line() -> None:
+    with pytest.raises(DescriptionError) as caught:
+        kept('<inertial>\n<mass>x</mass></inertial>')
+    assert str(caught.value) == "a.sdf:3: <mass>: 'x' is not a number"
+
+
+def test_invalid_value_without_a_file() -> None:
+    root = etree.Element('sdf')
+    etree.SubElement(root, 'mass').text = 'x'
+    with pytest.raises(DescriptionError, match=r"^a\.urdf: <mass>: 'x' is not a number$"):
+        keep_sdf_rules(root, 'a.urdf', Report())
+
+
+def test_one_warning_for_equal_colours_of_a_material() -> None:
+    material = ('<material><ambient>2 0 0 1</ambient><diffuse>2 0 0 1</diffuse>'
+                '<specular>0 0 -1 1</specular><emissive>0 1 0 1</emissive></material>')
+    link, report = kept(''.join(f'<visual name="{name}">{material}</visual>' for name in 'vw'))
+    assert [(note.element, note.name, note.line, note.message) for note in report.warnings] == [
+        (tag, name, 2, f'{text!r} is outside of 0 to 1; clamped to {new!r}')
+        for name in ('v', 'w') for tag, text, new in (
+            ('ambient', '2 0 0 1', '1 0 0 1'), ('specular', '0 0 -1 1', '0 0 0 1'))]
+    assert link.xpath('.//material/*/text()') == 2 * [
+        '1 0 0 1', '1 0 0 1', '0 0 0 1', '0 1 0 1']
+
+
+def test_colour_without_a_name_above() -> None:
+    report = Report()
+    root = etree.fromstring('<sdf><ambient>2 0 0</ambient></sdf>')
+    keep_sdf_rules(root, '', report)
+    assert (root.findtext('ambient'), report.warnings[0].name) == ('1 0 0', '')
+
+
+@pytest.mark.parametrize('text', ['2 0 x', 'x', 'x 2 0 0'])
+def test_colour_that_cannot_be_clamped(text: str) -> None:
+    with pytest.raises(DescriptionError, match=f"<ambient>: '{text}' is not 3 or 4 numbers$"):
+        kept(f'<visual name="v"><material><ambient>{text}</ambient></material></visual>')
+
+
+@pytest.mark.parametrize(('content', 'names', 'originals'), [
+    ('<light name="world" type="point"/>', ['world_light'], ['world']),
+    ('<light name="__a__" type="point"/>', ['a'], ['__a__']),
+    ('<gripper name="__a__"/>', ['__a__'], []),
+    ('<gripper name="a::b"/>', ['a__b'], ['a::b']),
+    ('<light name="a" type="point"/><light name="a" type="point"/>', ['a', 'a_light'], ['a']),
+    ('<visual name="a"/><gripper name="a"/>', ['a', 'a_gripper'], ['a']),
+    ('<gripper name="a"/><visual name="a"/>', ['a_gripper', 'a'], ['a']),
+    ('<visual name="a::b"/><gripper name="c"/>', ['a::b', 'c'], []),  # renamed before
+    ('<plugin name="a" filename="f"/><gripper name="a"/>', ['a', 'a'], []),
+    ('<!-- a --><gripper name="a"/><x/><x/>', ['a'], []),
+    ('<p:x xmlns:p="u" name="a::b"/>', ['a::b'], [])])
+def test_names_of_children(content: str, names: list[str], originals: list[str]) -> None:
+    link, report = kept(content)
+    assert link.xpath('*/@name') == names
+    assert [child.get(URDF_NAME) for child in link if child.get(URDF_NAME)] == originals
+    renamed = [new for new in names if f'name="{new}"' not in content]
+    assert [(note.name, note.line, note.message) for note in report.warnings] == [
+        (name, 2, f'renamed to {new!r}, because SDF requires unique names and reserves some')
+        for name, new in zip(originals, renamed, strict=True)]
+
+
+def test_first_name_of_a_child_is_kept() -> None:
+    link, _ = kept(f'<gripper name="a::b" u:name="first" xmlns:u="{URDF_TAG[1:-1]}"/>')
+    assert (link[0].get('name'), link[0].get(URDF_NAME)) == ('a__b', 'first')
+
+
+def test_preserved_element_keeps_its_name() -> None:
+    link, report = kept(f'<u:x name="a" xmlns:u="{URDF_TAG[1:-1]}"/><gripper name="a"/>')
+    assert link.xpath('*/@name') == ['a', 'a_gripper']
+    assert [note.element for note in report.warnings] == ['gripper']

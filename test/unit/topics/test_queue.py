@@ -16,17 +16,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from queue import Queue
 from threading import Thread
 
 from builtin_interfaces.msg import Time
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
-from opencv_tools.topics.order import Position, Way
-from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
+from opencv_tools.topics import queue as queue_module
+from opencv_tools.topics.order import FrameOrder, Position, Way
+from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
+from opencv_tools.video.messages import FFMPEG_PACKET, WireVideo
 import pytest
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
+from type_hints import resolved_hints
 from waiting import item_of, join, LONGEST_SECONDS, wait_until
 
 PUBLISHER, OTHER_PUBLISHER = bytes(range(16)), bytes(16)
@@ -55,6 +59,36 @@ def pop_all(queue: FrameQueue) -> list[int]:
         assert popped.camera_info is None or popped.camera_info.width == popped.number
         numbers.append(popped.number)
     return numbers
+
+
+def test_types_of_the_interface() -> None:
+    hints = resolved_hints(queue_module)
+    assert hints['FrameQueue.pop']['return'] == hints['FrameQueue.wait']['return'] == (
+        QueuedFrame | None)
+
+
+def test_message_of_which_nothing_else_is_known() -> None:
+    message = ReceivedMessage(frame(7).message, 8)
+    assert (message.publish_ns, message.number, message.camera_info, message.publisher) == (
+        0, 0, None, b'')
+    assert (message.stamp_ns, message.image) == (7_000_000_500, message.message)
+
+
+def test_image_of_a_message_of_video() -> None:
+    video = WireVideo(type_name=FFMPEG_PACKET, header=WireHeader(1, 2, 'camera'),
+                      encoding='h264', data=b'', serialized=b'')
+    with pytest.raises(TypeError, match=(
+            r'^the message is video, which this subscription does not decode$')):
+        _ = ReceivedMessage(video, 8).image
+
+
+@pytest.mark.parametrize(('capacity', 'held', 'is_full'), [
+    (1, 0, False), (1, 1, False), (2, 0, False), (2, 1, False), (2, 2, True), (2, 3, True)])
+def test_room_of_the_queue(capacity: int, held: int, is_full: bool) -> None:
+    queue = FrameQueue(capacity)
+    put(queue, *range(1, held + 1), keeps_all=True)
+    assert (queue.is_full, queue.keeps_newest) == (is_full, capacity == 1)
+    assert queue.wait_for_room(0.0) is not is_full
 
 
 @pytest.mark.parametrize(('capacity', 'kept'), [(1, [5]), (3, [3, 4, 5]), (9, [1, 2, 3, 4, 5])])
@@ -119,6 +153,47 @@ def test_discarded_message_explains_the_next_gap() -> None:
     assert (queue.order.count, queue.count) == (1, 4)
 
 
+def test_video_before_its_key_frame() -> None:
+    queue = FrameQueue(9)
+    for number in (1, 2, 2):  # the last one is repeated
+        queue.leave_out(PUBLISHER, Position(number))
+    assert (queue.left_out, queue.waits_for_key_frame) == (2, True)
+    assert (queue.count, queue.has_frames, queue.skipped) == (0, False, 0)
+    put(queue, 3)
+    assert (queue.left_out, queue.waits_for_key_frame, pop_all(queue)) == (2, False, [3])
+    queue.leave_out(b'', None)  # has no number, thus it may be 4
+    put(queue, 5)
+    assert (queue.left_out, queue.order.count, queue.count) == (3, 0, 2)
+
+
+def test_video_whose_number_jumps_is_in_no_count() -> None:
+    queue = FrameQueue(9)
+    put(queue, 1)
+    queue.leave_out(PUBLISHER, Position(2**40))
+    assert (queue.left_out, queue.waits_for_key_frame, queue.order.count) == (0, False, 0)
+
+
+def leave_out(queue: FrameQueue, position: Position) -> None:
+    queue.leave_out(PUBLISHER, position)
+
+
+def put_error(queue: FrameQueue, position: Position) -> None:
+    queue.put(CdrError('broken'), PUBLISHER, position)
+
+
+@pytest.mark.parametrize('add', [leave_out, put_error])
+def test_unknown_time_of_publication_is_no_rate(
+        add: Callable[[FrameQueue, Position], None], monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(queue_module, 'FrameOrder', lambda: FrameOrder(lambda: now))
+    queue = FrameQueue(9)
+    now = 10.0
+    queue.order.discover([PUBLISHER])
+    put(queue, 1000)  # of a publisher that may have started before the subscription
+    add(queue, Position(1001))
+    assert (queue.order.count, queue.order.is_complete) == (0, False)
+
+
 def test_way_of_the_publisher_is_returned() -> None:
     queue = FrameQueue(9)
     queue.order.change(PUBLISHER, Way.JOINING)
@@ -177,20 +252,20 @@ def test_calibrations_that_complete_more_than_fit() -> None:
 
 def test_calibrations_that_never_find_their_frame() -> None:
     queue = FrameQueue(1, with_info=True)
-    for number in range(100):
+    for number in range(1, 32):  # one more than are kept
         queue.put_info(info(number))
-    put(queue, 60)
+    put(queue, 1)
     assert pop_all(queue) == []
-    put(queue, 99)
-    assert (pop_all(queue), queue.skipped) == ([99], 1)
+    put(queue, 2)
+    assert (pop_all(queue), queue.skipped) == ([2], 1)
 
 
 def test_images_that_wait_for_a_calibration_are_bounded() -> None:
     queue = FrameQueue(3, with_info=True)
-    put(queue, *range(1, 101))
-    assert queue.skipped == 95
-    queue.put_info(info(97))
-    assert pop_all(queue) == [97]
+    put(queue, *range(1, 8))  # two more than are kept
+    assert queue.skipped == 2
+    queue.put_info(info(3))
+    assert pop_all(queue) == [3]
 
 
 def test_error_waits_for_no_calibration() -> None:
