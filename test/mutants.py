@@ -66,10 +66,18 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, Callable[[], None]]]:
                     getattr(node, name).__setitem__(number, ast.Pass()))
 
 
+def _without_effect(tree: ast.AST) -> set[ast.AST]:
+    """Return the nodes of annotations, which nothing evaluates."""
+    found = [getattr(node, name, None) for node in ast.walk(tree)
+             for name in ('annotation', 'returns')]
+    return {inner for outer in found if outer for inner in ast.walk(outer)}
+
+
 def mutants(text: str, count: int, seed: int) -> Iterator[tuple[str, str]]:
     """Yield a description and the source of seeded mutants of a module."""
     tree = ast.parse(text)
-    places = [(index, number) for index, node in enumerate(ast.walk(tree))
+    left_out = _without_effect(tree)
+    places = [(index, number) for index, node in enumerate(ast.walk(tree)) if node not in left_out
               for number, _ in enumerate(_changes(node))]
     for index, number in random.Random(seed).sample(places, min(count, len(places))):
         mutant = copy.deepcopy(tree)

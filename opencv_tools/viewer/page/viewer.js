@@ -407,6 +407,7 @@ function pause() {
 /** Save the picture that a tile shows; the next one may be drawn meanwhile. */
 function save(name) {
   if (!connection.isOpen) notify('Not saved, because the page has no connection to the node');
+  else if (tiles.get(name)?.canvas.hidden) notify(tiles.get(name).link.title || `${name} has no picture yet`);
   else if (name) connection.send({ file: name, picture: tiles.get(name).picture });
 }
 

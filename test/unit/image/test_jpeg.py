@@ -19,10 +19,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import struct
 
-from annotations import check_annotations
 import cv2
 import numpy as np
-from opencv_tools.image import jpeg as module
 from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.jpeg import (
     check_jpeg, jpeg_components, jpeg_segment, jpeg_size, with_extra_data)
@@ -367,7 +365,3 @@ def test_restart_in_extra_data(restarts: Sequence[int], following: int) -> None:
     assert before == after[1:]
     assert len(set(before)) > 200
     assert 0xff not in before
-
-
-def test_annotations() -> None:
-    check_annotations(module)

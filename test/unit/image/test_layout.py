@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from annotations import check_annotations
 from conftest import recorded_files
 import cv2
 from dataset_bags import Drive, numbered_picture
@@ -31,7 +30,6 @@ from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image import layout
 from opencv_tools.image.cdr import image_to_cdr, WireHeader
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import LayoutError
@@ -178,10 +176,6 @@ def test_message_of_an_array() -> None:
     assert (wire.height, wire.width, wire.step, wire.header.frame_id) == (4, 4, 4, '')
     wire = array_to_wire(np.array([[1, 2]], '>u2'), find_encoding('mono16'))
     assert (wire.step, bytes(wire.data)) == (4, b'\0\1\0\2')
-
-
-def test_annotations() -> None:
-    check_annotations(layout)
 
 
 #: Encodings whose pixel is 1, 2, 3 and 4 bytes, and bytes at the end of each row.

@@ -47,7 +47,6 @@ import pytest
 from recordings import (
     failing, gray_frame, gray_numbers, image_sink, manifest_line, record, record_ring)
 from special_files import KINDS
-from type_hints import resolved_hints
 from waiting import LONGEST_SECONDS, pause, wait_until, work_of
 
 JOURNAL = '.recording-0a1b2c3d-.journal'  # of a recording that was killed
@@ -476,11 +475,6 @@ def leave_entry(folder: Path, entry: ManifestEntry) -> None:
 
 def hidden(folder: Path) -> list[str]:
     return [path.suffix for path in folder.glob('.*')]
-
-
-def test_types_of_the_interface() -> None:
-    hints = resolved_hints(folder_module)['Folder.update_line']
-    assert hints == {'name': str, 'frames': int | None, 'return': type(None)}
 
 
 @pytest.mark.parametrize(('name', 'found', 'frames'), [

@@ -19,14 +19,12 @@ from __future__ import annotations
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
-from opencv_tools.recording import selection as selection_module
 from opencv_tools.recording.errors import LimitReached, UnwritableError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.selection import Limits, Retention, Selection
 import pytest
-from type_hints import resolved_hints
 
 NANO = 10**9
 
@@ -194,11 +192,6 @@ def test_longest_duration() -> None:
     assert (limits.max_ns, Selection(1, 0.0, limits).max_seconds) == (1_500_000_000, 1.5)
     ring = replace(limits, ring=True)
     assert (ring.max_ns, Selection(1, 0.0, ring).max_seconds) == (1_500_000_000, 0.0)
-
-
-def test_types_of_the_interface() -> None:
-    hints = resolved_hints(selection_module)
-    assert hints['Selection.selects'] == {'frame': ReceivedFrame, 'return': bool}
 
 
 HOUR = 3600 * NANO

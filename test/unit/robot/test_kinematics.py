@@ -19,8 +19,6 @@ from dataclasses import replace
 from graphlib import CycleError
 import math
 
-from annotations import check_annotations
-from opencv_tools.robot import kinematics as module
 from opencv_tools.robot.joint_kinds import JOINT_KINDS
 from opencv_tools.robot.kinematics import (
     attached_links, check_mimic_cycles, cycle_text, joint_transform, Kinematics, plane,
@@ -440,7 +438,3 @@ def test_numbers_that_a_mimic_does_not_change() -> None:
     assert with_mimics(robot, {'lead': (0.5,), 'flat': (9.0, 8.0)}) == {
         'lead': (0.5,), 'flat': (1.0, 8.0, 0.0), 'rigid': ()}
     assert with_mimics(robot, {})['flat'] == (0.0, 0.0, 0.0)
-
-
-def test_annotations() -> None:
-    check_annotations(module)

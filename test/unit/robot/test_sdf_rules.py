@@ -27,7 +27,6 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Inertial, Link, MODEL, Placement, Robot, Shape
 from opencv_tools.robot.physical import is_physical
 from opencv_tools.robot.pose import Pose, Tensor
-from opencv_tools.robot.sdf import rules
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.sdf.rules import find_flaw, keep_sdf_rules, parsed_elements
 from opencv_tools.robot.urdf.reader import read_urdf
@@ -38,7 +37,6 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
 from sdf_models import with_shape
-from type_hints import resolved_hints
 
 
 DATA = Path(__file__).parents[2] / 'data' / 'robots'
@@ -215,10 +213,6 @@ def test_values_of_tags_with_several_meanings(text: str, flaw: str) -> None:
 def flaws(text: str) -> str:
     """Return why the parser rejects a text of XML, or elements inside."""
     return ''.join(map(find_flaw, etree.fromstring(text).iter()))
-
-
-def test_types_of_the_interface() -> None:
-    assert resolved_hints(rules)['find_flaw'] == {'element': Element, 'return': str}
 
 
 @pytest.mark.parametrize(('path', 'low', 'below', 'least'), [

@@ -21,10 +21,8 @@ from collections.abc import Sequence
 
 from hypothesis import given, settings, strategies
 from opencv_tools.image.errors import CdrError
-from opencv_tools.topics import order as order_module
 from opencv_tools.topics.order import FrameOrder, Position, Way
 import pytest
-from type_hints import resolved_hints
 
 PUBLISHER, OTHER = bytes(range(16)), bytes(16)
 SECOND = 10**9
@@ -38,11 +36,6 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
-
-
-def test_types_of_the_interface() -> None:
-    hints = resolved_hints(order_module)
-    assert hints['FrameOrder.way'] == {'publisher': bytes, 'return': Way}
 
 
 def test_place_of_a_message() -> None:

@@ -25,12 +25,11 @@ from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics import queue as queue_module
 from opencv_tools.topics.order import FrameOrder, Position, Way
-from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
+from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.video.messages import FFMPEG_PACKET, WireVideo
 import pytest
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
-from type_hints import resolved_hints
 from waiting import item_of, join, LONGEST_SECONDS, wait_until
 
 PUBLISHER, OTHER_PUBLISHER = bytes(range(16)), bytes(16)
@@ -59,12 +58,6 @@ def pop_all(queue: FrameQueue) -> list[int]:
         assert popped.camera_info is None or popped.camera_info.width == popped.number
         numbers.append(popped.number)
     return numbers
-
-
-def test_types_of_the_interface() -> None:
-    hints = resolved_hints(queue_module)
-    assert hints['FrameQueue.pop']['return'] == hints['FrameQueue.wait']['return'] == (
-        QueuedFrame | None)
 
 
 def test_message_of_which_nothing_else_is_known() -> None:

@@ -20,8 +20,6 @@ from dataclasses import FrozenInstanceError
 import re
 import socket
 
-from annotations import check_annotations
-from opencv_tools.viewer import access as module
 from opencv_tools.viewer.access import (
     Access, check_origin, check_origins, check_token, is_loopback, is_same_origin, local_names,
     names_of)
@@ -181,7 +179,3 @@ def test_origins_without_an_address() -> None:
         assert str(caught.value) == (
             f'the origin {origin[:80]!r} is not an address: Invalid IPv6 URL')
         assert caught.value.status == 403
-
-
-def test_annotations() -> None:
-    check_annotations(module)

@@ -21,9 +21,7 @@ import json
 import math
 from pathlib import Path
 
-from annotations import check_annotations
 from opencv_tools.video.packet import VideoPacket
-from opencv_tools.viewer import protocol
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.protocol import (
     base_name, finite, MAX_MESSAGE_BYTES, MAX_TOPICS, number_of, pack_frame, pack_video,
@@ -240,7 +238,3 @@ def test_numbers_in_urls() -> None:
         with pytest.raises(RequestError) as caught:
             number_of(wrong, 'quality', 0, 100)
         assert str(caught.value) == f"quality is '{quoted}': give a number from 0 to 100"
-
-
-def test_annotations() -> None:
-    check_annotations(protocol)
