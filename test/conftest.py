@@ -19,11 +19,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+import faulthandler
 import fcntl
 from functools import partial
 import hashlib
 import itertools
 import json
+import math
 import os
 from pathlib import Path
 import re
@@ -90,6 +92,12 @@ sys.dont_write_bytecode = False
 # `make` sets the prefix of ROS. An activated virtual environment is such a prefix, too.
 if not os.environ.get('AMENT_PREFIX_PATH') and Path(sys.prefix, 'share', 'ament_index').is_dir():
     os.environ['AMENT_PREFIX_PATH'] = sys.prefix
+
+#: Seconds after which a test that hangs in a library, which no exception reaches, ends its worker.
+HANG_SECONDS = 900.0
+_ARM_SECONDS = 60.0  # between new starts of the watch, each of which starts a thread
+_armed_at = -math.inf
+_stderr = -1  # before pytest captures it
 
 # Domains 1 to 100 are safe on Linux. Each worker starts at another domain and locks it. The locks
 # are in /dev/shm, because Fast DDS meets other processes there, also those of containers.
@@ -253,6 +261,25 @@ def _no_unmarked_process(
         start_process(*arguments, **keywords)
 
     monkeypatch.setattr(subprocess.Popen, '__init__', _start)
+
+
+def pytest_configure() -> None:
+    """Keep the standard error for the stacks of a test that hangs."""
+    global _stderr
+    _stderr = os.dup(2)
+
+
+def pytest_runtest_logstart() -> None:
+    """Watch over the tests; the option of pytest starts a thread for each one."""
+    global _armed_at
+    if time.monotonic() > _armed_at + _ARM_SECONDS:
+        faulthandler.dump_traceback_later(HANG_SECONDS, exit=True, file=_stderr)
+        _armed_at = time.monotonic()
+
+
+def pytest_unconfigure() -> None:
+    """End the watch."""
+    faulthandler.cancel_dump_traceback_later()
 
 
 @pytest.hookimpl(optionalhook=True)  # there may be no xdist

@@ -26,6 +26,7 @@ import changed
 import own_namespaces
 import pytest
 import thorough
+from waiting import LONGEST_SECONDS
 
 TESTS = [path for folder in ('nodes', 'package', 'unit')
          for path in sorted((changed.TEST / folder).rglob('test_*.py'))]
@@ -126,11 +127,12 @@ def test_namespaces_of_a_worker() -> None:
 @pytest.mark.process
 def test_hang_in_a_library_ends_by_a_failure(tmp_path: Path) -> None:
     (tmp_path / 'test_hang.py').write_text(
-        'import ctypes\n\n\ndef test_hang():\n    ctypes.PyDLL(None).pause()  # keeps the GIL\n')
+        'import ctypes\nimport conftest\n\nconftest.HANG_SECONDS = 0.5\n\n\n'
+        'def test_hang():\n    ctypes.PyDLL(None).pause()  # keeps the GIL\n')
     ended = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-c', changed.ROOT / 'setup.cfg', '--noconftest',
-         '--rootdir', tmp_path, '-p', 'no:cacheprovider',
-         '-o', 'faulthandler_timeout=1', tmp_path],
-        capture_output=True, text=True, check=False)
+        [sys.executable, '-m', 'pytest', '-c', changed.ROOT / 'setup.cfg', '--rootdir', tmp_path,
+         '-p', 'no:cacheprovider', '-p', 'conftest', tmp_path],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)},
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False)
     assert ended.returncode == 1
     assert 'in test_hang' in ended.stderr  # the stacks of all threads
