@@ -46,7 +46,7 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
   VIRTUAL_ENV='$(CURDIR)/$(1)' PATH='$(CURDIR)/$(1)/bin':"$$PATH"
 
 # What test-thorough runs, the longest first.
-GROUPS ?= test-oldest test-kilted test-slow test-browser test-interop test-arm64 test-camera \
+GROUPS ?= test-browser test-slow test-oldest test-kilted test-interop test-arm64 test-camera \
   test-network test-docs test-ray
 
 # The tests mostly wait for processes. Six workers keep two processors busy.
