@@ -71,7 +71,8 @@ def test_own_terminal(tmp_path: Path) -> None:
     assert child.finish() == 0
 
 
-@pytest.mark.parametrize('variable', ['PYTHONPATH', 'LD_LIBRARY_PATH', 'OPENBLAS_NUM_THREADS'])
+@pytest.mark.parametrize('variable', [
+    'PYTHONPATH', 'LD_LIBRARY_PATH', 'OPENBLAS_NUM_THREADS', 'OPENCV_TOOLS_TRANSPORT'])
 def test_variables_of_the_imports(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, variable: str) -> None:
     command = [executable('img_publisher'), '--help']

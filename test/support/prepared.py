@@ -38,7 +38,7 @@ _MODULES = {
     'img_viewer': ('opencv_tools.image_viewer', 'opencv_tools.viewer.server'),
     'numbered_nodes.py': ('numbered_nodes',)}
 #: Beginnings of variables that have an effect before or during the imports.
-_EARLY = ('PYTHON', 'LD_', 'OPENBLAS', 'MALLOC_', 'LANG', 'LC_', 'OMP_')
+_EARLY = ('OPENCV_TOOLS_TRANSPORT', 'PYTHON', 'LD_', 'OPENBLAS', 'MALLOC_', 'LANG', 'LC_', 'OMP_')
 
 
 class PreparedProcess:
