@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 import subprocess
 import sys
@@ -171,6 +172,7 @@ NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.image_viewer')
 
 
+@cache
 def imported(module: str) -> set[str]:
     """Name what a module's source imports."""
     path = ROOT.parent.joinpath(*module.split('.'))
@@ -186,38 +188,42 @@ def imported(module: str) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize('module', [name for name in MODULES if name not in NODES])
-def test_imports_point_down(module: str) -> None:
-    room = max((name for name in ALLOWED if f'{module}.'.startswith(f'{name}.')), key=len)
+def test_imports_point_down() -> None:
     free = {*sys.stdlib_module_names, 'numpy'}
-    allowed = {*ALLOWED[room], 'opencv_tools.remedies', 'opencv_tools.units',
-               'opencv_tools.version'}
-    wrong = [name for name in imported(module) if name.partition('.')[0] not in free
-             and not any(f'{name}.'.startswith(f'{other}.') for other in allowed)]
-    assert not wrong
+    wrong = []
+    for module in sorted({*MODULES} - {*NODES}):
+        room = max((name for name in ALLOWED if f'{module}.'.startswith(f'{name}.')), key=len)
+        allowed = {*ALLOWED[room], 'opencv_tools.remedies', 'opencv_tools.units',
+                   'opencv_tools.version'}
+        wrong += [f'{module}: {name}' for name in imported(module)
+                  if name.partition('.')[0] not in free
+                  and not any(f'{name}.'.startswith(f'{other}.') for other in allowed)]
+    assert wrong == []
 
 
-@pytest.mark.parametrize('module', [name for name in MODULES if name.startswith(tuple(FORBIDDEN))])
-def test_forbidden_imports(module: str) -> None:
-    package = max((name for name in FORBIDDEN if f'{module}.'.startswith(f'{name}.')), key=len)
-    assert not [name for name in imported(module) if name.startswith(FORBIDDEN[package])]
+def test_forbidden_imports() -> None:
+    wrong = []
+    for module in filter(lambda name: name.startswith(tuple(FORBIDDEN)), MODULES):
+        package = max((name for name in FORBIDDEN if f'{module}.'.startswith(f'{name}.')), key=len)
+        wrong += [f'{module}: {name}' for name in imported(module)
+                  if name.startswith(FORBIDDEN[package])]
+    assert wrong == []
 
 
-@pytest.mark.parametrize('module', [
-    name for name in MODULES if name.startswith('opencv_tools.robot.urdf.')])
-def test_urdf_imports_of_sdf_only_fragments_and_values(module: str) -> None:
+def test_urdf_imports_of_sdf_only_fragments_and_values() -> None:
     package = 'opencv_tools.robot.sdf'
-    assert {name for name in imported(module) if f'{name}.'.startswith(f'{package}.')} <= {
-        f'{package}.fragments', f'{package}.values'}
+    names = {name for module in MODULES if module.startswith('opencv_tools.robot.urdf.')
+             for name in imported(module) if f'{name}.'.startswith(f'{package}.')}
+    assert names == {f'{package}.fragments', f'{package}.values'}
 
 
-@pytest.mark.parametrize('module', [name for name in MODULES if name.startswith((
-    'opencv_tools.robot.urdf.', 'opencv_tools.robot.sdf.')) and name.endswith((
-        'reader', 'writer'))])
-def test_readers_and_writers_do_not_import_each_other(module: str) -> None:
-    other = 'writer' if module.endswith('reader') else 'reader'
-    assert not [name for name in imported(module) if name.startswith('opencv_tools.robot.')
-                and name.endswith(other)]
+def test_readers_and_writers_do_not_import_each_other() -> None:
+    wrong = [f'{module}: {name}' for module in MODULES
+             for one, other in (('reader', 'writer'), ('writer', 'reader'))
+             if module.startswith(('opencv_tools.robot.urdf.', 'opencv_tools.robot.sdf.'))
+             and module.endswith(one) for name in imported(module)
+             if name.startswith('opencv_tools.robot.') and name.endswith(other)]
+    assert wrong == []
 
 
 @pytest.mark.process
