@@ -162,10 +162,14 @@ class Kinematics:
 
     def _origin(self, frame: FrameId) -> FrameId:
         """Return the first of the frames that coincide with a frame by identity placements."""
+        def next_frame(name: FrameId) -> FrameId | None:
+            if name in self._origins:
+                return None
+            placement = self._placement(name)
+            return placement.relative_to if placement.pose.is_identity else None
+
         if frame not in self._origins:
-            chain = _chain(self.robot, 'placement', frame, lambda name: (
-                None if name in self._origins or not self._placement(name).pose.is_identity
-                else self._placement(name).relative_to))
+            chain = _chain(self.robot, 'placement', frame, next_frame)
             origin = self._origins.get(chain[-1], chain[-1])
             self._origins.update(dict.fromkeys(chain, origin))
         return self._origins[frame]
