@@ -406,9 +406,10 @@ function pause() {
 
 /** Save the picture that a tile shows; the next one may be drawn meanwhile. */
 function save(name) {
+  const tile = tiles.get(name);
   if (!connection.isOpen) notify('Not saved, because the page has no connection to the node');
-  else if (tiles.get(name)?.canvas.hidden) notify(tiles.get(name).link.title || `${name} has no picture yet`);
-  else if (name) connection.send({ file: name, picture: tiles.get(name).picture });
+  else if (tile?.canvas.hidden) notify(tile.link.title || `${name} has no picture yet`);
+  else if (tile) connection.send({ file: name, picture: tile.picture });
 }
 
 /** Copy the address of the page, with the token, which the address bar does not show. */
