@@ -23,19 +23,10 @@ from hypothesis import given, settings, strategies
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.order import FrameOrder, Position, Way
 import pytest
+from stepped_clock import SteppedClock
 
 PUBLISHER, OTHER = bytes(range(16)), bytes(16)
 SECOND = 10**9
-
-
-class Clock:
-    """A clock of seconds that a test sets."""
-
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def test_place_of_a_message() -> None:
@@ -94,8 +85,8 @@ def accepts(order: FrameOrder, *messages: int, publisher: bytes = PUBLISHER) -> 
 
 @pytest.mark.parametrize(('seconds', 'is_new'), [(1.999, False), (2.0, True)])
 def test_discovery_of_a_new_publisher(seconds: float, is_new: bool) -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += seconds
     order.discover([OTHER, PUBLISHER])
     clock.now += 9
@@ -105,8 +96,8 @@ def test_discovery_of_a_new_publisher(seconds: float, is_new: bool) -> None:
 
 
 def test_publisher_that_is_discovered_with_its_frame() -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 1.999
     accepts(order, 3, 4)
     clock.now += 0.001
@@ -117,8 +108,8 @@ def test_publisher_that_is_discovered_with_its_frame() -> None:
 
 @pytest.mark.parametrize(('period', 'is_new'), [(2.0, True), (2.001, False)])
 def test_longest_time_of_the_frames_before_the_first(period: float, is_new: bool) -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 4
     for number in (3, 4):  # the first one was published 2 periods before
         assert order.accepts(PUBLISHER, Position(number), SECOND + round(number * period * SECOND))
@@ -126,8 +117,8 @@ def test_longest_time_of_the_frames_before_the_first(period: float, is_new: bool
 
 
 def test_publisher_from_before_a_restart() -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 10
     order.discover([PUBLISHER])
     order.restart()
@@ -144,8 +135,8 @@ def test_publisher_from_before_a_restart() -> None:
 
 @pytest.mark.parametrize(('step', 'is_measured'), [(30, True), (31, False)])
 def test_most_frames_that_measure_the_rate(step: int, is_measured: bool) -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 10
     order.accepts(PUBLISHER, Position(1000), SECOND)
     order.accepts(PUBLISHER, Position(1000 + step), SECOND + step)  # a nanosecond a frame
@@ -155,8 +146,8 @@ def test_most_frames_that_measure_the_rate(step: int, is_measured: bool) -> None
 
 @pytest.mark.parametrize('unknown', [1, 2])
 def test_unknown_time_of_publication(unknown: int) -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 10
     for number in range(3):  # the others are a nanosecond apart
         order.accepts(PUBLISHER, Position(1000 + number),
@@ -165,8 +156,8 @@ def test_unknown_time_of_publication(unknown: int) -> None:
 
 
 def test_time_of_publication_that_is_always_unknown() -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 10
     for number in (1000, 1001):
         order.accepts(PUBLISHER, Position(number), 0)
@@ -401,8 +392,8 @@ def test_shared_frame_after_the_first_message() -> None:
 
 
 def test_number_of_a_message_that_is_repeated_as_a_shared_one() -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     clock.now += 10
     assert accepts(order, 5, 6) == [5, 6]
     assert (order.count, order.is_complete) == (4, True)
@@ -449,8 +440,8 @@ def test_most_publishers_that_are_remembered(first: int) -> None:
 
 @pytest.mark.parametrize(('others', 'is_complete'), [(127, False), (128, True)])
 def test_most_discoveries_that_are_remembered(others: int, is_complete: bool) -> None:
-    clock = Clock()
-    order = FrameOrder(clock)
+    clock = SteppedClock()
+    order = FrameOrder(clock.monotonic)
     order.discover([PUBLISHER])
     order.discover(number.to_bytes(16, 'big') for number in range(others))
     clock.now += 9
