@@ -34,6 +34,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 TEST = ROOT / 'test'
+#: Marks of the quick tests, as in the Makefile.
+QUICK = 'not linter and not thorough'
 COMMANDS = ROOT / 'opencv_tools' / 'commands.py'
 #: Tests of files that are not imported, by the beginning of their paths. The first match counts.
 PARTS = {'docs/': 'test/package', 'README.md': 'test/package', 'CHANGELOG.rst': 'test/package',
@@ -135,7 +137,7 @@ def main() -> int:
     selected = reached(changed, tests)
     print(f'{len(changed)} files differ from {base}; they reach',
           ' '.join(selected) or 'no test')
-    return pytest.main(['-q', '-m', 'not linter and not thorough', *arguments, *selected]
+    return pytest.main(['-q', '-m', QUICK, *arguments, *selected]
                        ) if selected else 0
 
 

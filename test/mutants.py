@@ -33,7 +33,8 @@ import subprocess
 import sys
 import tempfile
 
-ROOT = Path(__file__).parents[1]
+from changed import QUICK, ROOT
+
 _COPIED = ('opencv_tools', 'test', 'docs', 'urdf', 'sdf', 'meshes', 'examples', 'setup.cfg',
            'setup.py', 'package.xml')
 _OPPOSITE: dict[type, type] = {
@@ -110,7 +111,7 @@ def main() -> int:
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--thorough', action='store_true', help='run the thorough tests as well')
     options = parser.parse_args()
-    marks = 'not linter' if options.thorough else 'not linter and not thorough'
+    marks = 'not linter' if options.thorough else QUICK
     text = (ROOT / options.module).read_text()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
