@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache, cached_property
 import math
 
 import cv2
@@ -63,18 +64,21 @@ class Camera:
                  is_fisheye: bool = False) -> None:
         self.size, self.is_fisheye = size, is_fisheye
         self.k, self.d = np.asarray(k, float), np.asarray(d, float)
-        # Rays of every second pixel, and between them a linear interpolation (0.001 pixels).
-        axes = [np.arange(-2, count + 4, 2.0) for count in size]
+        self._pictures: dict[Board, NDArray[np.uint8]] = {}
+
+    @cached_property
+    def _rays(self) -> NDArray[np.float32]:
+        """Rays of every second pixel, and between them a linear interpolation (0.001 pixels)."""
+        axes = [np.arange(-2, count + 4, 2.0) for count in self.size]
         grid = np.stack(np.meshgrid(*axes), axis=2)
         rays = self.rays(grid.reshape(-1, 2)).reshape(grid.shape).astype(np.float32)
-        for axis, count in enumerate(size):  # cv2.remap would round the places
+        for axis, count in enumerate(self.size):  # cv2.remap would round the places
             places = ((np.arange(count * _SAMPLES) + 0.5) / _SAMPLES + 1.5) / 2
             left = places.astype(int)
             part = (places - left).astype(np.float32)[:, None, None]
             rays = np.moveaxis(rays, 1 - axis, 0)
             rays = np.moveaxis(rays[left] * (1 - part) + rays[left + 1] * part, 0, 1 - axis)
-        self._rays = np.ascontiguousarray(rays)
-        self._pictures: dict[Board, NDArray[np.uint8]] = {}
+        return np.ascontiguousarray(rays)
 
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return x and y of the rays of pixels at the depth 1, (n, 2) arrays."""
@@ -155,6 +159,7 @@ class Camera:
         return np.clip(np.rint(image + noises), 0, 255).astype(np.uint8)
 
 
+@cache
 def wide_camera(width: int = 1280, height: int = 720) -> Camera:
     """Return a camera with the distortion of a usual webcam with a wide lens."""
     f = 905 / 1280 * width
@@ -162,6 +167,7 @@ def wide_camera(width: int = 1280, height: int = 720) -> Camera:
     return Camera((width, height), k, [-0.31, 0.11, 0.0007, -0.0005, -0.02])
 
 
+@cache
 def fisheye_camera(width: int = 1280, height: int = 960) -> Camera:
     """Return a camera with a fisheye lens of about 130 degrees."""
     f = 0.42 * width
@@ -199,6 +205,7 @@ def poses(board: Board, camera: Camera, count: int, seed: int = 0,
     return found
 
 
+@cache
 def small_camera() -> Camera:
     """Return a camera with small images and little distortion, for fast tests."""
     return Camera((480, 360), [[420.0, 0, 243.0], [0, 421.0, 176.0], [0, 0, 1]],
