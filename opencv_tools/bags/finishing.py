@@ -30,11 +30,10 @@ from typing import NamedTuple
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.index import (
     BagIndex, CHUNK_BYTES, encode_record, LIBRARY, OpenChunk, PROFILE)
-from opencv_tools.bags.mcap_format import (
-    CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, HEADER_CODE, INDEX_ENTRY_BYTES, MAGIC,
-    MESSAGE, MESSAGE_CODE, MESSAGE_INDEX, MESSAGE_INDEX_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.mcap_records import (
-    definition, file_reader, message_head, Read, Record, records, summary_start)
+    CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, definition, file_reader, HEADER_CODE,
+    INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, message_head, MESSAGE_INDEX,
+    MESSAGE_INDEX_CODE, Read, RECORD, Record, records, SCHEMA_CODE, summary_start)
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import printable
 from opencv_tools.regular_files import is_same_file, open_regular, try_lock

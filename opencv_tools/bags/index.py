@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 import zlib
 
-from opencv_tools.bags.mcap_format import (
+from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_INDEX_BYTES, CHUNK_INDEX_CODE, COUNT_BYTES,
     DATA_END_BYTES, FOOTER, INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_INDEX, RECORD, SCHEMA_CODE,
     STATISTICS_BYTES, STATISTICS_CODE, SUMMARY_OFFSET_BYTES)

@@ -34,7 +34,7 @@ from typing import Any
 from opencv_tools.bags.errors import check_mcap
 from opencv_tools.bags.index import (
     BagIndex, CHUNK_BYTES, encode_record, LIBRARY, MAX_TIME, MESSAGE_BYTES, OpenChunk, PROFILE)
-from opencv_tools.bags.mcap_format import (
+from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, COUNT_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.regular_files import try_lock, write_buffer

@@ -23,12 +23,12 @@ import cv2
 import numpy as np
 from opencv_tools.calibration.boards import CalibrationError
 from opencv_tools.calibration.camera_file import StoredCamera
-from opencv_tools.calibration.cells import place_in_words
 from opencv_tools.calibration.detection import Detection
 from opencv_tools.calibration.least_squares import (
     first_pose, Floats, Lens, MODELS, Points, residuals, solve_all)
 from opencv_tools.calibration.solve import (
     Calibration, check_views, errors_by_cell, points_of, rms_of)
+from opencv_tools.calibration.views import place_in_words
 
 GOOD, DEGRADED = 'good', 'degraded'
 

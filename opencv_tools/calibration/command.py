@@ -19,17 +19,112 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import os
+from pathlib import Path
 import sys
 
-from opencv_tools.calibration.actions import calibrate_found, check_found
+import numpy as np
 from opencv_tools.calibration.board_pictures import print_board
-from opencv_tools.calibration.boards import Board, CalibrationError, parse_board
+from opencv_tools.calibration.boards import Board, CalibrationError, CHARUCO, parse_board
 from opencv_tools.calibration.camera_file import (
-    CameraInfoError, check_camera_name, check_output, read_camera)
+    CameraInfoError, check_camera_name, check_output, read_camera, StoredCamera, write_camera)
+from opencv_tools.calibration.check import Check, check_camera, GOOD, stored_camera
+from opencv_tools.calibration.least_squares import Floats
+from opencv_tools.calibration.solve import Calibration, solve
+from opencv_tools.calibration.stereo import solve_stereo
+from opencv_tools.calibration.verdict import BAD, judge
 from opencv_tools.calibration.view_search import FoundViews, search_sources
 from opencv_tools.capture.errors import CaptureError, TopicError
 from opencv_tools.logs import ConsoleWriter, Log
 from opencv_tools.regular_files import user_path
+
+_SHOWN_REASONS = 4
+
+
+def report_search(found: FoundViews, board: Board) -> None:
+    """Print how many views were taken, and why the others were not."""
+    taken = len(found.views[0])
+    print(f'Views: {taken} of {found.searched} images')
+    for reason, count in found.reasons.most_common(_SHOWN_REASONS):
+        print(f'  {count} not taken: {reason}')
+    if found.is_variant:
+        print(f'The board has the other layout of {board.kind}: '
+              + ('that of OpenCV before 4.6' if board.kind == CHARUCO else
+                 'black borders of one cell'))
+
+
+def report_check(result: Check) -> None:
+    """Print the result of a check."""
+    print(f'Error: {result.rms:.3f} pixels, {result.best:.3f} for a new calibration')
+    print(_cells_text(result.cell_errors))
+    print(f'Verdict: {result.word}' + (f'\n  {result.reason}' if result.reason else ''))
+
+
+def report_calibration(lens: Calibration, name: str) -> None:
+    """Print a calibration."""
+    verdict = judge(lens)
+    names = ['fx', 'fy', 'cx', 'cy', *(f'd{number}' for number in range(1, len(lens.d) + 1))]
+    values = [lens.k[0, 0], lens.k[1, 1], lens.k[0, 2], lens.k[1, 2], *lens.d]
+    print(f'Calibration{name and " " + name} of {lens.size[0]}x{lens.size[1]} pixels, '
+          f'{lens.model}:')
+    for key, value, deviation in zip(names, values, lens.deviations):
+        print(f'  {key} {value:.6g} +- {deviation:.2g}')
+    print(f'Error: {lens.rms:.3f} pixels'
+          + (f', {lens.held_out:.3f} in views that were left out' if lens.held_out > 0 else ''))
+    print(_cells_text(lens.cell_errors))
+    print(f'Verdict: {verdict.word}')
+    for reason in verdict.reasons:
+        print(f'  {reason}')
+
+
+def _cells_text(cells: Floats) -> str:
+    rows = ['  ' + ' '.join('   - ' if np.isnan(value) else f'{value:5.2f}' for value in row)
+            for row in cells]
+    return '\n'.join(('Error by part of the image in pixels:', *rows))
+
+
+def check_found(camera: StoredCamera, found: FoundViews, board: Board) -> bool:
+    """Check a calibration, print the result, and return whether it is good."""
+    report_search(found, board)
+    result = check_camera(camera, found.views[0])
+    report_check(result)
+    return result.word == GOOD
+
+
+def calibrate_found(
+    found: FoundViews, board: Board, model: str, name: str, paths: Sequence[Path],
+) -> bool:
+    """
+    Calibrate one camera or two, print a report, and write the files if all are usable.
+
+    :param found: views of each camera; those of two cameras are pairs.
+    :param name: name of the camera in the file.
+    :param paths: files, one for each camera; empty for none.
+    :returns: whether the calibration is usable.
+    :raises CalibrationError: the views determine no calibration.
+    :raises CameraInfoError: a file cannot be written.
+    """
+    names = [''] if len(found.views) < 2 else ['left', 'right']
+    try:
+        lenses = [solve(one, model) for one in found.views]
+        is_usable = all(judge(lens).word != BAD for lens in lenses)
+        stereo = solve_stereo([*zip(*found.views)], *lenses) if is_usable and names[0] else None
+        parts = (stereo.left, stereo.right) if stereo else (None,)
+        for path, lens, part, suffix in zip(paths if is_usable else (), lenses, parts, names):
+            camera = stored_camera(lens, part.r, part.p) if part else stored_camera(lens)
+            write_camera(path, camera, f'{name}_{suffix}' if suffix else name)
+    finally:  # the files come first, because nobody may read the report
+        report_search(found, board)
+    for lens, one in zip(lenses, names):
+        report_calibration(lens, one)
+    if not is_usable:
+        raise CalibrationError('nothing was written, because the calibration is bad')
+    if stereo:
+        print(f'Baseline: {stereo.baseline:.6g} m from {stereo.pairs} pairs, '
+              f'error {stereo.rms:.3f} pixels')
+    for path in paths:
+        print(f'Wrote {path}')
+    return True
+
 
 _EXIT_OK = 0
 _EXIT_FAILURE = 1

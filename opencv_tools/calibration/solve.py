@@ -23,15 +23,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.calibration.boards import CalibrationError
-from opencv_tools.calibration.cells import cell_grid, cells_of
 from opencv_tools.calibration.corners import LEAST_CORNERS
 from opencv_tools.calibration.detection import Detection
 from opencv_tools.calibration.least_squares import (
     EQUIDISTANT, first_pose, fit_pose, Floats, Lens, MODELS, PLUMB_BOB, Points, residuals,
     solve_all, standard_deviations, start_lens)
+from opencv_tools.calibration.views import cell_grid, cells_of, MOST_VIEWS
 
 #: Least and largest number of views of a calibration.
-LEAST_VIEWS, MOST_VIEWS = 4, 100
+LEAST_VIEWS = 4
 
 # First focal lengths as parts of the width of the image.
 _FOCAL_LENGTHS = (0.4, 0.7, 1.0, 1.6, 3.0)

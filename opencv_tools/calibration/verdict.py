@@ -19,8 +19,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from opencv_tools.calibration.cells import most_common_place
 from opencv_tools.calibration.solve import Calibration
+from opencv_tools.calibration.views import most_common_place
 
 GOOD, USABLE, BAD = 'good', 'usable', 'bad'
 

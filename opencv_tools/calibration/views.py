@@ -17,13 +17,47 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.calibration.cells import cell_grid, cells_of, most_common_place
 from opencv_tools.calibration.detection import Detection
-from opencv_tools.calibration.solve import MOST_VIEWS
+
+#: The most views of a calibration.
+MOST_VIEWS = 100
+_CELLS = 8  # along the longer side
+_ROWS = ('upper', '', 'lower')
+_COLUMNS = ('left', '', 'right')
+
+
+def cell_grid(size: tuple[int, int]) -> tuple[int, int]:
+    """Return the rows and columns of the cells of an image of a width and a height."""
+    columns, rows = (max(3, round(_CELLS * side / max(size))) for side in size)
+    return rows, columns
+
+
+def cells_of(
+    positions: NDArray[Any], size: tuple[int, int],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows and columns of the cells of (n, 2) positions in pixels."""
+    grid = np.array(cell_grid(size)[::-1])
+    cells = np.clip(((positions + 0.5) * grid / np.array(size)).astype(np.int64), 0, grid - 1)
+    return cells[:, 1], cells[:, 0]
+
+
+def place_in_words(row: Any, column: Any, shape: tuple[int, ...]) -> str:
+    """Return the place of a cell in words: ``upper left``, ``left`` or ``middle``."""
+    words = [names[int((place + 0.5) / count * 3)]
+             for names, place, count in zip((_ROWS, _COLUMNS), (row, column), shape)]
+    return ' '.join(filter(None, words)) or 'middle'
+
+
+def most_common_place(cells: NDArray[np.bool_]) -> str:
+    """Return the part of the image with most of the selected cells, in words; '' for none."""
+    places = [place_in_words(row, column, cells.shape) for row, column in zip(*np.nonzero(cells))]
+    return max(dict.fromkeys(places), key=places.count, default='')
+
 
 #: Part of the cells of the image from which the coverage is enough.
 ENOUGH_CELLS = 0.8

@@ -21,20 +21,169 @@ machine. ``merge`` joins the parts.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
 import json
 import os
 from pathlib import Path
 import shutil
+from threading import Event
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.datasets.episodes import episodes_of
-from opencv_tools.datasets.lerobot_rows import write_rows
-from opencv_tools.datasets.part import bag_state, is_done, PART
-from opencv_tools.datasets.plan import LEROBOT, Plan
-from opencv_tools.datasets.rows import match
+from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.lerobot import import_pyarrow, plan_features, rows_table
+from opencv_tools.datasets.part import bag_state, FINGERPRINT, is_done, PART, ROWS
+from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures
+from opencv_tools.datasets.plan import IMAGES, LEROBOT, Plan, STAMPS
+from opencv_tools.datasets.row_values import (
+    row_numbers, row_stamps, row_vectors, shortened, shown_rows)
+from opencv_tools.datasets.rows import match, Rows
 from opencv_tools.datasets.sample_files import write_samples
-from opencv_tools.datasets.tracks import open_bag, read_recording
+from opencv_tools.datasets.statistics import (
+    ImageStatistics, numbers_statistics, sampled_rows, Statistics)
+from opencv_tools.datasets.tracks import open_bag, read_recording, Recording
+from opencv_tools.datasets.videos import VideoFileWriter
+
+
+@dataclass(frozen=True)
+class Camera:
+    """
+    The frames of a camera that were written.
+
+    :param size: width and height in pixels.
+    :param samples: (n,) number of the sample that each row shows.
+    :param fingerprints: (n, 64) small picture of each row.
+    :param statistics: statistics of each episode.
+    """
+
+    size: tuple[int, int]
+    samples: NDArray[np.int64]
+    fingerprints: NDArray[np.uint8]
+    statistics: list[Statistics]
+
+
+@dataclass(frozen=True)
+class Work:
+    """
+    What the videos of a bag have in common.
+
+    :param plan: plan of the conversion.
+    :param recording: samples of the bag, which several threads may read at the same time.
+    :param episodes: rows of each episode.
+    :param folder: folder of the videos, which have the names of the cameras.
+    :param threads: threads of each encoder.
+    :param ended: set when the videos are not needed any more.
+    """
+
+    plan: Plan
+    recording: Recording
+    episodes: Sequence[Rows]
+    folder: Path
+    threads: int
+    ended: Event
+
+
+def write_video(work: Work, name: str) -> Camera:
+    """
+    Write the video of a camera, with all episodes one after the other.
+
+    :param name: name of the camera.
+    :raises DatasetError: a picture cannot be used.
+    :raises OSError: the file cannot be written.
+    """
+    plan, episodes = work.plan, work.episodes
+    pictures = row_pictures(plan, work.recording, name, episodes)
+    shown: list[int] = []
+    prints: list[NDArray[np.uint8]] = []
+    statistics: list[Statistics] = []
+    size = (0, 0)
+    writer = VideoFileWriter(work.folder / f'{name}.mp4', plan.fps, plan.crf, work.threads)
+    try:
+        for rows in episodes:
+            episode, counted = ImageStatistics(), {*sampled_rows(len(rows.times)).tolist()}
+            for row in range(len(rows.times)):
+                if work.ended.is_set():
+                    raise DatasetError('the conversion has ended')
+                sample, picture = next(pictures)
+                image: Any = picture.image
+                size = picture.size
+                is_new = not shown or sample != shown[-1]
+                prints.append(fingerprint(luma(image)) if is_new else prints[-1])
+                if row in counted:
+                    episode.add(image)
+                writer.write(sample, image, is_first=not row)
+                shown.append(sample)
+            statistics.append(episode.statistics())
+        writer.close()
+    except BaseException:
+        writer.abandon()
+        raise
+    finally:
+        pictures.close()
+    return Camera(size, np.array(shown), np.array(prints), statistics)
+
+
+def write_rows(plan: Plan, recording: Recording, episodes: list[Rows], folder: Path, threads: int,
+               ) -> tuple[dict[str, Any], list[Rows]]:
+    """
+    Write the rows and the videos of a bag.
+
+    :param episodes: all rows; with ``next_action`` the last one of each is only an action.
+    :param folder: folder of the part.
+    :param threads: threads for decoding and encoding.
+    :returns: what part.json says of them, and the rows with the samples that are shown.
+    :raises DatasetError: a picture or a number cannot be used.
+    :raises OSError: a file cannot be written.
+    """
+    wanted = shortened(plan, episodes)
+    cameras = _write_videos(plan, recording, wanted, folder, threads)
+    kept = shown_rows(wanted, {name: camera.samples for name, camera in cameras.items()},
+                      recording.warnings)
+    features = plan_features(plan, {
+        name: camera.size for name, camera in cameras.items()})
+    pa = import_pyarrow()
+    vectors = row_vectors(plan, recording, episodes)
+    tables, described = [], []
+    begin = 0
+    for number, rows in enumerate(kept):
+        count = len(rows.times)
+        columns = {**{key: values[number].astype(np.float32)
+                      for key, values in vectors.items()},
+                   **row_numbers(rows, number, plan.fps),
+                   STAMPS: row_stamps(recording, rows)}
+        statistics = {key: numbers_statistics(values.reshape(count, -1))
+                      for key, values in columns.items()}
+        statistics |= {IMAGES + name: camera.statistics[number]
+                       for name, camera in cameras.items()}
+        as_lists = {key: {name: value.tolist() for name, value in found.items()}
+                    for key, found in statistics.items()}
+        described.append({'length': count, 'task': rows.task or plan.task,
+                          'statistics': as_lists})
+        table = rows_table(columns, features)
+        for name, camera in cameras.items():
+            prints = camera.fingerprints[begin:begin + count]
+            table = table.append_column(FINGERPRINT + name, pa.array(
+                [one.tobytes() for one in prints], pa.binary(prints.shape[1])))
+        tables.append(table)
+        begin += count
+    pa.parquet.write_table(pa.concat_tables(tables), folder / ROWS)
+    return {'features': features, 'episodes': described}, kept
+
+
+def _write_videos(plan: Plan, recording: Recording, episodes: list[Rows], folder: Path,
+                  threads: int) -> dict[str, Camera]:
+    names = [name for name, _ in plan.images]
+    work = Work(plan, recording, episodes, folder, threads, Event())
+    with ThreadPoolExecutor(max(1, min(threads, len(names)))) as pool:
+        try:
+            return dict(zip(names, pool.map(partial(write_video, work), names)))
+        finally:
+            work.ended.set()  # after an error or Ctrl-C nobody waits for the others
 
 
 def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1) -> None:

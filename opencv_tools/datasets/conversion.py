@@ -18,22 +18,58 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 import os
 from pathlib import Path
 
-from opencv_tools.datasets.dry_run import describe_bag
-from opencv_tools.datasets.episodes import check_bags
+from opencv_tools.datasets.episodes import check_bags, episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, remove_part, working_parts
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
-from opencv_tools.datasets.plan import Plan
-from opencv_tools.datasets.set_writing import write_set
+from opencv_tools.datasets.plan import ACTION, IMAGES, Plan
+from opencv_tools.datasets.row_values import shortened
+from opencv_tools.datasets.rows import match
+from opencv_tools.datasets.set_writing import topic_lines, write_set
 from opencv_tools.datasets.shards import write_shard
-from opencv_tools.datasets.tracks import resolved
+from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.logs import Log
+
+
+def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
+    """
+    Yield lines about a bag.
+
+    :param plan: plan with the names of all numbers.
+    :raises DatasetError: the bag cannot be converted by the plan.
+    """
+    bag = open_bag(path)
+    recording = read_recording(bag, plan)
+    episodes = episodes_of(recording, plan, name)
+    uses: dict[str, list[str]] = {}
+    for camera, topic in plan.images:
+        uses.setdefault(topic, []).append(IMAGES + camera)
+    for key, sources in plan.vectors:
+        for source in sources:
+            names = ', '.join(source.names)
+            uses.setdefault(source.topic, []).append(f'{key} ({printable(names)})')
+    if plan.episodes:
+        uses.setdefault(plan.episodes.topic, []).append('begin and end of episodes')
+    kept = shortened(plan, episodes)
+    rows = [len(one.times) for one in kept]
+    yield f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes'
+    for found, count in sorted(bag.topics.items(), key=lambda pair: pair[0].name):
+        use = ' and '.join(uses.get(found.name, ['not used']))
+        yield f'  {printable(found.name)} ({printable(found.type_name)}, {count}): {use}'
+    if plan.next_action:
+        yield f'  {ACTION}: the state of the next row'
+    described = {'topics': {key: asdict(match(track.times, kept, key))
+                            for key, track in recording.tracks.items()}}
+    for line in [*topic_lines([described]), *(f'warning: {one}' for one in recording.warnings)]:
+        yield f'  {line}'
+
 
 _EXIT_OK, _EXIT_FAILURE = 0, 1
 _MOST_TRIED = 100  # bags of which one must have the topics of the plan

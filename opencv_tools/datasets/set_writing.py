@@ -16,17 +16,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
 from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
 from opencv_tools.datasets.part import read_part
-from opencv_tools.datasets.report import topic_lines
 from opencv_tools.datasets.shards import find_parts
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.logs import Log
+
+
+def topic_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """
+    Return a sentence for each topic.
+
+    :param parts: what part.json says of the bags. The median is the largest one of all bags.
+    """
+    lines = []
+    for name in parts[0]['topics']:
+        found = [part['topics'][name] for part in parts if name in part['topics']]
+        sums = {key: sum(one[key] for one in found) for key in ('used', 'reused', 'dropped')}
+        worst = {key: 1000 * max(one[key] for one in found)
+                 for key in ('median_error', 'largest_error')}
+        lines.append(
+            f'{printable(name)}: {sums["used"]} samples used, {sums["reused"]} rows repeat one, '
+            f'{sums["dropped"]} dropped; from sample to row {worst["median_error"]:.1f} ms in the '
+            f'median, {worst["largest_error"]:.1f} ms at most')
+    return lines
 
 
 def write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:

@@ -27,9 +27,41 @@ from typing import Any, Literal
 import numpy as np
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.text import printable
-from opencv_tools.message_types.definition import Array, Field, PLACEHOLDER, TypeDefinition
-from opencv_tools.message_types.numbers import convert_numbers
-from opencv_tools.message_types.primitives import PRIMITIVES
+from opencv_tools.message_types.definition import (
+    Array, Field, PLACEHOLDER, PRIMITIVES, TypeDefinition)
+
+
+def convert_numbers(value: Any, dtype: np.dtype[Any]) -> np.ndarray[Any, Any] | None:
+    """
+    Return numbers as an array of a type; None if it cannot represent them.
+
+    Floats are rounded to a type of floats. Integers are never changed.
+
+    :param value: sequence, array or other buffer of one dimension.
+    :param dtype: type of the result.
+    :raises TypeError: the value is no sequence.
+    :raises ValueError: a value is no number.
+    :raises OverflowError: a number is too large.
+    """
+    given = np.asarray(value)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in 'biuf'):
+        raise ValueError('not a number')
+    if dtype.kind == 'f':
+        with np.errstate(invalid='ignore', over='ignore'):
+            converted = given.astype(dtype)
+        return converted if np.array_equal(np.isfinite(converted), np.isfinite(given)) else None
+    if given.dtype.kind != 'f':
+        converted = given.astype(dtype)
+        return converted if np.array_equal(converted, given) else None
+    if not np.isfinite(given).all():
+        return None
+    # numpy rounds integers beside floats, and beside integers of another sign.
+    exact = given.tolist() if isinstance(value, np.ndarray | memoryview) else [*value]
+    numbers = [int(number) for number in exact]
+    least, most = (0, 1) if dtype.kind == 'b' else (np.iinfo(dtype).min, np.iinfo(dtype).max)
+    fits = numbers == exact and all(least <= number <= most for number in numbers)
+    return np.array(numbers, dtype) if fits else None
+
 
 _HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
 _ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}

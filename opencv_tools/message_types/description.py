@@ -24,8 +24,8 @@ import hashlib
 import json
 from typing import Any
 
-from opencv_tools.message_types.definition import Array, Definition, Field, TypeDefinition
-from opencv_tools.message_types.primitives import PRIMITIVES
+from opencv_tools.message_types.definition import (
+    Array, Definition, Field, PRIMITIVES, TypeDefinition)
 
 # Numbers of type_description_interfaces/msg/FieldType.
 _MESSAGE = 1

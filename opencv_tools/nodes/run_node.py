@@ -16,16 +16,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+import ctypes
+import os
+from pathlib import Path
 import re
+import signal
+import socket
 import sys
+from tempfile import mkdtemp
+from threading import Thread
+import time
+from types import FrameType
 from typing import Any
 
 from opencv_tools.logs import Log
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.exit_timer import exit_after
-from opencv_tools.nodes.log_folder import replace_log_folder
-from opencv_tools.nodes.node_signals import NodeSignals
+from opencv_tools.signals import handle_signals, ignore_signals
 from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.transport import zero_copy
@@ -38,6 +46,155 @@ from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+
+_FORCE_QUIT_SECONDS = 1.0
+
+
+class NodeSignals:
+    """
+    Record SIGINT, SIGTERM and SIGHUP; SIGHUP stays ignored under nohup.
+
+    rclpy's handlers shut down the context immediately, even while the node is starting or
+    flushing frames. These handlers only record the time of the first signal, from the moment that
+    something has to be finished. A signal before raises KeyboardInterrupt.
+    """
+
+    def __init__(self) -> None:
+        self._first_at = 0.0
+        self._has_ended = False
+        #: Whether signals are only recorded.
+        self.are_recorded = False
+        #: Called by the handler of a much later signal; None to raise KeyboardInterrupt.
+        self.force: Callable[[], object] | None = None
+        # Signals that arrive before the executor waits are kept in this socket.
+        self._reader, self._writer = socket.socketpair()
+        self._writer.setblocking(False)
+        self._waker: Thread | None = None
+        self._previous = signal.set_wakeup_fd(self._writer.fileno(), warn_on_full_buffer=False)
+        handle_signals(self._receive, ignorable=(signal.SIGHUP,))
+
+    @property
+    def received(self) -> bool:
+        """Return whether the node was asked to end."""
+        return self._first_at > 0.0
+
+    def wake(self, end_spin: Callable[[], object]) -> None:
+        """End the spinning at each signal, because Python's handlers run only then."""
+        def wake() -> None:
+            while self._reader.recv(1):
+                end_spin()
+
+        self._waker = Thread(target=wake, name='signals', daemon=True)
+        self._waker.start()
+
+    def end(self) -> None:
+        """Ignore signals from now on."""
+        self._has_ended = True
+        ignore_signals()
+        if self._writer.fileno() < 0:
+            return
+        signal.set_wakeup_fd(self._previous)
+        self._writer.close()
+        if self._waker:
+            self._waker.join()
+        self._reader.close()
+
+    def _receive(self, _number: int, _frame: FrameType | None) -> None:
+        now = time.monotonic()
+        self._first_at = self._first_at or now
+        if not self.are_recorded:
+            raise KeyboardInterrupt
+        # ros2 launch repeats the SIGINT of the terminal. A much later signal forces an exit.
+        if now - self._first_at > _FORCE_QUIT_SECONDS and not self._has_ended:
+            if self.force is None:
+                raise KeyboardInterrupt
+            self.force()
+
+
+_VARIABLE = 'ROS_LOG_DIR'
+
+
+def replace_log_folder() -> str:
+    """
+    Set a temporary log folder if the default one is not writable.
+
+    :returns: a sentence about the temporary folder, '' if the default one is used.
+    """
+    folder = _log_folder()
+    if folder and _is_writable(folder):
+        return ''
+    reason = (f'{folder} cannot be written' if folder
+              else 'there is no home directory, HOME is unset')
+    try:
+        temporary = mkdtemp(prefix='opencv_tools_log_')
+    except OSError:
+        return ''  # rcl reports the error
+    os.environ[_VARIABLE] = temporary
+    return f'{reason}: ROS logs are written to {temporary}; set {_VARIABLE} to use another folder'
+
+
+def _log_folder() -> Path | None:
+    """Return the folder that rcl uses, from ROS_LOG_DIR, ROS_HOME or HOME."""
+    for variable, below in ((_VARIABLE, ''), ('ROS_HOME', 'log'), ('HOME', '.ros/log')):
+        if os.environ.get(variable):
+            return Path(os.environ[variable], below)
+    return None
+
+
+def _is_writable(folder: Path) -> bool:
+    """Return whether a folder is writable, after it is created if needed."""
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder.is_absolute() and os.access(folder, os.W_OK | os.X_OK)
+
+
+_SIGEV_THREAD = 2
+
+
+class _Notification(ctypes.Structure):
+    """``struct sigevent`` of POSIX."""
+
+    _fields_ = [('value', ctypes.c_void_p), ('signal', ctypes.c_int), ('notify', ctypes.c_int),
+                ('function', ctypes.c_void_p), ('attributes', ctypes.c_void_p),
+                ('reserved', ctypes.c_byte * 32)]
+
+
+class _Interval(ctypes.Structure):
+    """``struct itimerspec`` of POSIX: the period, and the time until the first expiration."""
+
+    _fields_ = [(name, ctypes.c_long) for name in (
+        'period_seconds', 'period_nanoseconds', 'seconds', 'nanoseconds')]
+
+
+@contextmanager
+def exit_after(seconds: int, status: int) -> Iterator[None]:
+    """
+    End the process if the block takes longer, also if no thread can run Python meanwhile.
+
+    A timer of POSIX calls ``_exit`` in a thread of its own. Without such timers there is no limit.
+
+    :param seconds: limit in seconds.
+    :param status: exit status of the process at the limit.
+    """
+    library = ctypes.CDLL(None)
+    timer = ctypes.c_void_p()
+    try:
+        create, start, delete = (getattr(library, f'timer_{name}') for name in (
+            'create', 'settime', 'delete'))
+    except AttributeError:
+        yield
+        return
+    at_limit = _Notification(value=status, notify=_SIGEV_THREAD, function=ctypes.cast(
+        library._exit, ctypes.c_void_p))
+    has_timer = create(time.CLOCK_MONOTONIC, ctypes.byref(at_limit), ctypes.byref(timer)) == 0
+    if has_timer:
+        start(timer, 0, ctypes.byref(_Interval(seconds=seconds)), None)
+    try:
+        yield
+    finally:
+        if has_timer:
+            delete(timer)
+
 
 # Exit statuses of the nodes.
 EXIT_OK = 0

@@ -19,12 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+import os
 from pathlib import Path
 import time
 from typing import Generic
 
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
-from opencv_tools.recording.disk_outage import DiskOutage
 from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
 from opencv_tools.recording.file_format import FileFormat, FileWriter, OpenFile, P, Room, W
 from opencv_tools.recording.folder import Folder
@@ -34,6 +34,58 @@ from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import SinkCounts
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.stored_files import StoredFiles
+
+# Delay after an error of the disk before a new file begins.
+_RETRY_SECONDS = 2.0
+# A new file begins when the disk has room for this multiple of the data that did not fit.
+_ROOM = 2
+
+
+class DiskOutage:
+    """Decide when a new file begins after an error of the disk."""
+
+    def __init__(self, monotonic: Callable[[], float]) -> None:
+        self._monotonic = monotonic
+        self._error: tuple[int, str] | None = None
+        self._retry_at = 0.0
+        self._needed = 0  # bytes of free space
+
+    def begin(self, err: OSError, bytes_waiting: int) -> None:
+        """Delay the next file, because data that wait in memory could not be written."""
+        self._error = err.errno or 0, error_text(err)
+        self._retry_at = self._monotonic() + _RETRY_SECONDS
+        self._needed = max(self._needed, _ROOM * bytes_waiting)
+
+    def attempt(self) -> None:
+        """Delay the file after the one that begins now. A frame that is left out begins none."""
+        self._retry_at = self._monotonic() + _RETRY_SECONDS
+
+    def end(self) -> None:
+        """Note that data were written."""
+        self._error, self._needed = None, 0
+
+    def check(self, folder: Path) -> None:
+        """
+        Check that a new file may begin: it is time, and the disk has room.
+
+        :raises OSError: it may not; the error is that of the disk.
+        """
+        if self._error and not self._may_retry(folder):
+            raise OSError(*self._error)
+
+    def _may_retry(self, folder: Path) -> bool:
+        now = self._monotonic()
+        if now < self._retry_at:
+            return False
+        try:
+            disk = os.statvfs(folder)
+        except OSError:  # the folder was removed, and is created again
+            return True
+        if disk.f_bavail * disk.f_frsize >= self._needed:
+            return True
+        self._retry_at = now + _RETRY_SECONDS
+        return False
+
 
 # Period of the check whether the file was removed or moved.
 _CHECK_SECONDS = 1.0

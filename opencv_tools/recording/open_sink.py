@@ -17,20 +17,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 import errno
 from pathlib import Path
 import time
 from typing import Any, cast
 
 from opencv_tools.bags.errors import BagError, check_mcap
+from opencv_tools.bags.finishing import finish_and_count, finish_bag, has_footer
 from opencv_tools.bags.open_bag import BAG_SUFFIXES
 from opencv_tools.bags.writing import BAG_SUFFIX
 from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError, VideoError
 from opencv_tools.recording.file_sink import FileSink
-from opencv_tools.recording.finishing import finish_bags, FINISHERS
-from opencv_tools.recording.folder import Folder
+from opencv_tools.recording.folder import Finishers, Folder
 from opencv_tools.recording.image_encoder import EncoderSettings, IMAGE_FORMATS
 from opencv_tools.recording.image_sink import ImageSink
 from opencv_tools.recording.naming import FileNames
@@ -38,7 +39,38 @@ from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.format import VideoFormat
-from opencv_tools.recording.video.writer import check_video, VIDEO_FORMATS
+from opencv_tools.recording.video.writer import check_video, count_frames, VIDEO_FORMATS
+
+_BAG_HEADER_BYTES = 64  # a bag that was cut off in its header is not longer
+
+
+def finish_bags(folder: Folder) -> None:
+    """
+    Finish the bags of a folder whose recorders were killed.
+
+    :param folder: output folder; its manifest gets the new size and digest of these bags.
+    """
+    for path in folder.path.glob(f'*{BAG_SUFFIX}'):
+        with suppress(BagError, OSError):  # damaged, or without permission: it is left alone
+            if not has_footer(path):
+                folder.update_line(path.name, finish_bag(path))
+
+
+def _finish_bag(path: Path) -> int | None:
+    """Finish a bag; return the number of its images, 0 for an empty bag."""
+    try:
+        counts = finish_and_count(path)
+        if counts is None:
+            return 0 if path.stat().st_size <= _BAG_HEADER_BYTES else None
+        # A bag of other messages only has a line without frames.
+        return counts.images or (None if counts.messages else 0)
+    except BagError:  # damaged, or the library of bags is not installed
+        return None
+
+
+#: What finishes a file with many frames.
+FINISHERS: Finishers = {**dict.fromkeys(VIDEO_FORMATS, count_frames), BAG_SUFFIX: _finish_bag}
+
 
 #: File name extensions of the formats that hold packets of video, without decoding.
 KEEPS_PACKETS = ('.mkv', '.mp4', BAG_SUFFIX)

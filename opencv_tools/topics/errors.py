@@ -16,6 +16,21 @@
 
 from __future__ import annotations
 
+import re
+
+from rclpy.exceptions import NameValidationException
+
+#: What rclpy raises for a name or a quality of service that cannot be used; its RCLError, a
+#: RuntimeError, is private.
+ROS_ERRORS = (RuntimeError, ValueError, NameValidationException)
+# What rcl and rmw add to their errors: the failed step, and the lines of their sources.
+_PLACE = re.compile(r'^failed to resolve name: |, at \S+:\d+')
+
+
+def ros_reason(err: Exception) -> str:
+    """Return the reason of an error of rclpy as one line, without places in C and C++."""
+    return _PLACE.sub('', ' '.join(str(err).split()))
+
 
 class ParameterError(ValueError):
     """The value of a parameter cannot be used; the message quotes it and names valid values."""

@@ -22,14 +22,12 @@ from typing import Any
 
 from opencv_tools.image.cdr import IMAGE
 from opencv_tools.image.errors import CdrError
-from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.messages import AnyMessage, message_class, read_message
-from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.topics.topic_discovery import ImageTopic
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.rcl_structures import MessageInfo
-from opencv_tools.transport.zero_copy import (
-    SerializedMessage, take_image, take_serialized)
+from opencv_tools.transport.zero_copy import SerializedMessage, take_image, take_serialized
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.event_handler import QoSSubscriptionEventType, SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from threading import current_thread, Lock, Thread
 import time
 from typing import NamedTuple
@@ -26,10 +26,9 @@ from opencv_tools.logs import Log
 from opencv_tools.topics.consumer import Consumer
 from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
-from opencv_tools.topics.mixed_publishers import MixedPublishers
-from opencv_tools.topics.no_frames_warning import NoFramesWarning
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
+from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.topics.sources import FrameSources
 from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.topics.topic_discovery import TopicDiscovery
@@ -38,6 +37,105 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import CameraInfo
+
+# Successive checks with frames of several publishers. A publisher that starts again overlaps with
+# its former one for one check.
+_CHECKS = 2
+
+
+class MixedPublishers:
+    """Log once that several publishers send frames on a topic, and of which nodes they are."""
+
+    def __init__(self, log: Log, describe: Callable[[Set[bytes]], str]) -> None:
+        """
+        Create a warning.
+
+        :param describe: returns the names of the nodes of some publishers.
+        """
+        self._log = log
+        self._describe = describe
+        self._counts: dict[bytes, int] = {}
+        self._checks = 0
+        self._logged: frozenset[bytes] = frozenset()
+
+    def check(self, topic: str, counts: Mapping[bytes, int]) -> None:
+        """
+        Log a warning if several publishers have sent frames in the last checks.
+
+        :param counts: number of frames by publisher until now.
+        """
+        active = frozenset(
+            publisher for publisher, count in counts.items()
+            if count > self._counts.get(publisher, 0))
+        self._counts = dict(counts)
+        self._checks = self._checks + 1 if len(active) > 1 else 0
+        if self._checks >= _CHECKS and not active <= self._logged:
+            self._logged = active
+            self._log.warning(f'{len(active)} publishers on {topic}: {self._describe(active)}; '
+                              'their frames are mixed')
+
+
+_MIN_SECONDS = 3.0
+_PERIODS = 3
+# Weight of each check in the moving average of the period.
+
+
+class NoFramesWarning:
+    """Log why no frame arrives, three seconds or three periods after the last frame."""
+
+    def __init__(self, log: Log, describe: Callable[[], str]) -> None:
+        """
+        Start waiting for frames.
+
+        :param describe: returns the reason.
+        """
+        self._log = log
+        self._describe = describe
+        self._logged_reason = ''
+        self._count = 0
+        self._now = 0.0  # without the silence before each reset
+        self.reset_period()
+
+    def reset_period(self) -> None:
+        """Reset the wait and the period, after a change of the publishers' topic."""
+        self._meter = RateMeter(lambda: self._now)
+        self._begin = self._warned_at = self._now
+
+    def reset(self) -> None:
+        """Reset the wait, but keep the period of the frames."""
+        self._now -= self._silent_seconds
+        self._warned_at = self._now
+
+    def check(self, elapsed: float, count: int, topic: str, *, is_expected: bool) -> None:
+        """
+        Log the reason if frames are missing and the reason is new.
+
+        :param elapsed: seconds since the last check.
+        :param count: number of frames received until now.
+        :param is_expected: whether silence is normal here; suppresses the warning.
+        """
+        received, self._count = count - self._count, count
+        self._now += elapsed
+        if received:
+            self._meter.add(received)
+            if self._logged_reason:
+                self._logged_reason = ''
+                self._log.info(f'Frames arrive on {topic}')
+            return
+        waited = min(self._silent_seconds, self._now - self._warned_at)
+        if waited < max(_MIN_SECONDS, _PERIODS * self._meter.period):
+            return
+        self._warned_at = self._now
+        reason = '' if is_expected else self._describe()
+        if reason and reason != self._logged_reason:
+            self._logged_reason = reason
+            self._log.warning(f'No frames: {reason}')
+
+    @property
+    def _silent_seconds(self) -> float:
+        silent = self._meter.silent_seconds
+        return self._now - self._begin if silent is None else silent
+
 
 # The executor has events only for publishers of the same type. The graph is polled for all others.
 # Each poll wakes the executor, which is its cost.

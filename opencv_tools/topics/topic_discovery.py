@@ -22,10 +22,9 @@ import re
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
 from opencv_tools.image.text import enumerated, printable
-from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch
-from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.transport.fastdds.shared_memory import find_other_user
 from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node

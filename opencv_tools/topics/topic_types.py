@@ -24,7 +24,7 @@ from opencv_tools.image.text import printable
 from opencv_tools.message_types.definition import (
     DefinitionError, full_name, read_definition, TypeDefinition)
 from opencv_tools.message_types.description import type_hash
-from opencv_tools.topics.ros_errors import ROS_ERRORS
+from opencv_tools.topics.errors import ROS_ERRORS
 from opencv_tools.topics.topic_discovery import UNKNOWN_NODE
 from rclpy.node import Node
 from rclpy.task import Future

@@ -38,9 +38,8 @@ from functools import cache
 from operator import methodcaller
 from typing import Any
 
-from opencv_tools.message_types.definition import Array, TypeDefinition
+from opencv_tools.message_types.definition import Array, PRIMITIVES, TypeDefinition
 from opencv_tools.message_types.description import field_type_id, type_hash
-from opencv_tools.message_types.primitives import PRIMITIVES
 from opencv_tools.transport.rcl_structures import RclSequence, RclString
 
 _FASTRTPS, _INTROSPECTION = _C = (

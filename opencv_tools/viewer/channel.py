@@ -25,11 +25,175 @@ from typing import Any
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
-from opencv_tools.viewer.link_rate import LinkRate, MAX_WINDOW
-from opencv_tools.viewer.protocol import finite, step_width, ViewOptions
+from opencv_tools.viewer.protocol import finite, step_width, ViewOptions, WIDTHS
 from opencv_tools.viewer.rate_limit import RateLimit
-from opencv_tools.viewer.shown_frame import ShownFrame
 from opencv_tools.viewer.stream import Stream
+
+
+class ShownFrame:
+    """Frame of the newest picture that the page has drawn."""
+
+    def __init__(self) -> None:
+        """Create an object without a frame."""
+        self._drawn: tuple[int, NewFrame | None] = 0, None
+        self._stepped: NewFrame | None = None
+        self._step: asyncio.Future[str] | None = None
+
+    @property
+    def held(self) -> NewFrame | None:
+        """Return the frame of a paused page."""
+        return self._stepped or self._drawn[1]
+
+    def of(self, sequence: int) -> NewFrame | None:
+        """Return the frame of the picture that the page shows; None for another picture."""
+        drawn, frame = self._drawn
+        return frame if drawn == sequence else None
+
+    def step(self, frame: NewFrame) -> asyncio.Future[str]:
+        """
+        Hold another frame, and give up an earlier step.
+
+        :returns: future of '' once the page has drawn the frame, or of the reason why it cannot.
+        """
+        if self._step is None or frame is not self._stepped:
+            self.close()
+            self._stepped = frame
+            self._step = asyncio.get_running_loop().create_future()
+        return self._step
+
+    def drawn(self, sequence: int, frame: NewFrame | None) -> None:
+        """Use the answer of the page to a picture."""
+        if sequence > self._drawn[0]:
+            self._drawn = sequence, frame
+        if frame and frame is self._stepped:
+            self.close()
+
+    def failed(self, frame: NewFrame, reason: str) -> None:
+        """Use the reason why a frame has no picture."""
+        if frame is self._stepped:
+            self.close(reason)
+
+    def close(self, reason: str = '') -> None:
+        """End a step."""
+        if self._step and not self._step.done():
+            self._step.set_result(reason)
+
+
+# Pictures below this width are worse than a lower quality.
+_LEAST_WIDTH = 320
+_QUALITIES = (60, 40, 25)
+# Weight of each answer in the moving averages.
+_WEIGHT = 1 / 4
+# Number of answers before a change, so that the averages describe the present size.
+_LEAST_ANSWERS = 6
+# Part of the available time that a picture may need before it is made smaller or larger.
+_TOO_SLOW, _QUICK = 1.15, 0.5
+# Seconds without a delay before larger pictures are tried, and their maximum after failures.
+_FIRST_TRIAL, _LAST_TRIAL = 3.0, 60.0
+# A smaller picture that arrives hardly sooner shows that the link is far, not slow.
+_FAR = 0.85
+#: Maximum number of unanswered pictures of a topic.
+MAX_WINDOW = 2
+
+
+class LinkRate:
+    """
+    Choose the size of pictures from the times of their answers.
+
+    Width goes down first, then quality. If smaller pictures do not arrive sooner, the round trip
+    takes the time. Then two pictures may be on their way instead of one.
+    """
+
+    def __init__(self, width: int, quality: int, fixed: bool = False) -> None:
+        """
+        Start with the wanted size.
+
+        :param width: wanted width in pixels.
+        :param quality: wanted JPEG quality.
+        :param fixed: whether the size never changes.
+        """
+        self._levels = [(width, quality)]
+        if not fixed:
+            widths = [step for step in reversed(WIDTHS) if _LEAST_WIDTH <= step < width]
+            self._levels += [(step, quality) for step in widths]
+            self._levels += [(self._levels[-1][0], lower) for lower in _QUALITIES
+                             if lower < quality]
+        self._level = 0
+        self._before: float | None = None  # seconds that a picture needed at the larger size
+        self._trial_seconds = _FIRST_TRIAL
+        self._trial_at: float | None = None
+        self._raised_at: float | None = None
+        #: Number of pictures that may be unanswered.
+        self.window = 1
+        #: Rate of the link in bytes a second, at least; None before the first answer.
+        self.bytes_per_second: float | None = None
+        self._reset()
+
+    @property
+    def width(self) -> int:
+        """Return the width of the next picture in pixels."""
+        return self._levels[self._level][0]
+
+    @property
+    def quality(self) -> int:
+        """Return the JPEG quality of the next picture."""
+        return self._levels[self._level][1]
+
+    @property
+    def is_lowered(self) -> bool:
+        """Return whether pictures are smaller than wanted."""
+        return self._level > 0
+
+    def answered(self, size: int, seconds: float, period: float, now: float) -> None:
+        """
+        Use the time of an answer.
+
+        :param size: size of the picture in bytes.
+        :param seconds: time from sending to the answer.
+        :param period: wanted time between pictures in seconds.
+        :param now: monotonic clock in seconds.
+        """
+        rate = size / max(seconds, 1e-6)
+        self.bytes_per_second = (rate if self.bytes_per_second is None else
+                                 self.bytes_per_second + (rate - self.bytes_per_second) * _WEIGHT)
+        self._seconds += (seconds - self._seconds) * (_WEIGHT if self._answers else 1)
+        self._answers += 1
+        if self._answers < _LEAST_ANSWERS:
+            return
+        available = period * self.window
+        if self._seconds > _TOO_SLOW * available:
+            self._trial_at = None
+            self._lower(now)
+        elif self._level and self._seconds < _QUICK * available:
+            self._trial_at = self._trial_at or now + self._trial_seconds
+            if now >= self._trial_at:
+                self._change(-1)
+                self._raised_at = now
+        else:
+            self._trial_at = None
+
+    def _lower(self, now: float) -> None:
+        """Make the pictures smaller, or allow a second one if that has not helped."""
+        if self._raised_at is not None and now - self._raised_at < self._trial_seconds:
+            self._trial_seconds = min(2 * self._trial_seconds, _LAST_TRIAL)
+        is_far = self._before is not None and self._seconds > _FAR * self._before
+        if is_far and self.window < MAX_WINDOW:
+            self.window = MAX_WINDOW
+            self._change(-self._level)
+        elif self._level + 1 < len(self._levels) and not is_far:
+            before = self._seconds
+            self._change(1)
+            self._before = before
+
+    def _change(self, steps: int) -> None:
+        self._level += steps
+        self._reset()
+
+    def _reset(self) -> None:
+        self._answers = 0
+        self._seconds = 0.0
+        self._before = None
+        self._trial_at = None
 
 
 class Channel:

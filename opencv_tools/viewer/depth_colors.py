@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import math
 from typing import Any
 
 import cv2
@@ -24,8 +26,97 @@ from numpy.typing import NDArray
 from opencv_tools.cv_bridge import cvtColorForDisplay
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image_codecs import apply_colormap
-from opencv_tools.viewer.depth_range import Limits, measure_limits
 from opencv_tools.viewer.pixels import DISPARITY, Pixels
+from opencv_tools.viewer.protocol import LARGEST
+
+#: Smallest and largest number of a picture.
+Limits = tuple[float, float]
+
+# Parts of the pixels that are below and above the range: a few wild pixels do not change it.
+_PERCENTILES = 2, 98
+# Time in which the range follows to two thirds.
+_FOLLOW_SECONDS = 2.0
+
+
+def measure_limits(numbers: NDArray[Any]) -> Limits:
+    """
+    Return the limits of most numbers; 0.0 twice if there are none.
+
+    :param numbers: finite numbers.
+    """
+    if not numbers.size:
+        return 0.0, 0.0
+    low, high = np.percentile(numbers, _PERCENTILES, method='nearest')
+    return within_range(low), within_range(high)
+
+
+def within_range(number: float) -> float:
+    """Return a finite number, or the nearest one that a range may have."""
+    return min(LARGEST, max(-LARGEST, float(number)))
+
+
+@dataclass(frozen=True)
+class Steady:
+    """
+    Limits that a frame changes.
+
+    :param limits: limits before the frame; None if there are none.
+    :param part: part of the way that they follow those of the frame, 0 to 1.
+    """
+
+    limits: Limits | None = None
+    part: float = 0.0
+
+    def after(self, measured: Limits) -> Limits:
+        """
+        Return the limits after a frame.
+
+        :param measured: limits of the numbers of the frame; those of another scene are used as
+            they are.
+        """
+        before = self.limits
+        if before is None or measured[0] > before[1] or measured[1] < before[0]:
+            return measured
+        low, high = (old + (new - old) * self.part
+                     for old, new in zip(before, measured, strict=True))
+        return low, high
+
+
+#: No limits before the frame.
+NO_LIMITS = Steady()
+
+
+class DepthRange:
+    """Limits that follow those of the frames slowly, so that colours do not flicker."""
+
+    def __init__(self) -> None:
+        """Begin without limits."""
+        self._limits: Limits | None = None
+        self._followed_at = 0.0
+
+    @property
+    def limits(self) -> Limits | None:
+        """Limits after the last frame; None before the first one."""
+        return self._limits
+
+    def at(self, now: float) -> Steady:
+        """
+        Return how a frame changes the limits.
+
+        :param now: monotonic clock in seconds.
+        """
+        return Steady(self._limits, 1 - math.exp(-(now - self._followed_at) / _FOLLOW_SECONDS))
+
+    def follow(self, measured: Limits, now: float) -> None:
+        """
+        Use the limits of a frame.
+
+        :param measured: limits of the numbers of the frame.
+        :param now: monotonic clock in seconds.
+        """
+        self._limits = self.at(now).after(measured)
+        self._followed_at = now
+
 
 #: Units of the encodings of depth, by REP 118, and of disparity.
 UNITS = {'16UC1': 'mm', '32FC1': 'm', DISPARITY.name: 'px'}

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 import itertools
 import time
 
@@ -27,7 +27,114 @@ from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.units import NANO
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.restarts import Restarts
+
+# Publishers that are remembered.
+_MAX_SENDERS = 32
+# Time for which a publisher can still be replaced by one that came later.
+_REPLACE_SECONDS = 60.0
+# A publisher that sends for longer beside another one is not replaced by it.
+_OVERLAP_SECONDS = 0.5
+# Seconds and periods without a frame after which a publisher is silent. The graph has the
+# publishers of a killed process for 20 s.
+_SILENT_SECONDS, _SILENT_PERIODS, _GRAPH_SECONDS = 2.0, 3, 30.0
+
+
+@dataclass
+class _Sender:
+    """
+    A publisher that has sent frames.
+
+    :param first_ns: stamp of its first frame in nanoseconds.
+    :param first_at: time of its first frame.
+    :param begun: time of its first frame, or of its discovery if that was earlier.
+    :param rivals: publishers that it may replace.
+    """
+
+    first_ns: int
+    first_at: float
+    begun: float
+    rivals: set[bytes]
+    last_ns: int = 0
+    last_at: float = field(init=False)
+    frames: int = 0
+    topic: str = ''  # '' until the graph has it
+
+    def __post_init__(self) -> None:
+        self.last_at = self.first_at
+
+    def replaces(self, other: _Sender) -> bool:
+        """Return whether it sends, and another publisher of its topic has fallen silent."""
+        if other.frames < 2 or self.topic != other.topic:
+            return False
+        period = (other.last_at - other.first_at) / (other.frames - 1)
+        silence = self.last_at - other.last_at
+        return (self.begun - other.last_at < _GRAPH_SECONDS
+                and silence > max(_SILENT_SECONDS, _SILENT_PERIODS * period))
+
+
+class Restarts:
+    """
+    Notice that a new publisher replaces another one, or that stamps begin again.
+
+    The first publisher replaces none, nor does one that sends beside the others. The executor
+    calls ``add`` and ``check``.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """
+        Begin without publishers.
+
+        :param clock: monotonic clock in seconds.
+        """
+        self._clock = clock
+        self._senders: dict[bytes, _Sender] = {}
+        self._found: dict[bytes, float] = {}  # times of discovery
+        self._restarted_at: float | None = None
+
+    @property
+    def seconds(self) -> float | None:
+        """Time since the last restart in seconds; None without any."""
+        return None if self._restarted_at is None else self._clock() - self._restarted_at
+
+    def add(self, publisher: bytes, stamp_ns: int) -> None:
+        """Use a frame of a publisher; b'' is an unknown one."""
+        now = self._clock()
+        sender = self._senders.get(publisher)
+        if sender is None:
+            rivals = {*self._senders} - {b''} if publisher else set()
+            sender = self._senders[publisher] = _Sender(
+                stamp_ns, now, self._found.get(publisher, now), rivals)
+            if len(self._senders) > _MAX_SENDERS:
+                del self._senders[next(iter(self._senders))]
+        elif stamp_ns < sender.last_ns - NANO and stamp_ns <= sender.first_ns + NANO:
+            self._restarted_at = now
+            sender.first_ns = stamp_ns
+        sender.last_ns, sender.last_at = stamp_ns, now
+        sender.frames += 1
+
+    def check(self, present: Mapping[bytes, str]) -> None:
+        """
+        Look for publishers that were replaced.
+
+        :param present: topics of the publishers in the graph.
+        """
+        now = self._clock()
+        self._found = {key: self._found.get(key, now) for key in present}
+        for key, sender in self._senders.items():
+            sender.topic = present.get(key, sender.topic)
+        for sender in tuple(self._senders.values()):
+            if now - sender.begun > _REPLACE_SECONDS:
+                sender.rivals.clear()
+            for key in tuple(sender.rivals):
+                rival = self._senders.get(key)
+                if rival is None or rival.last_at > sender.begun + _OVERLAP_SECONDS:
+                    sender.rivals.remove(key)
+                elif (rival.topic and key not in present) or sender.replaces(rival):
+                    self._restarted_at = max(sender.begun, self._restarted_at or 0.0)
+                    sender.rivals.clear()
+                    del self._senders[key]
+                    break
+
 
 #: Name and transport of a subscription.
 FeedKey = tuple[str, str]

@@ -22,14 +22,171 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridgeError
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.encodings import Encoding
+from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.text import printable
 from opencv_tools.viewer.channel import Channel
+from opencv_tools.viewer.depth_colors import missing_numbers, UNITS, within_range
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.pixel_values import describe_pixel, histogram, line_profile
-from opencv_tools.viewer.pixels import Pixels
+from opencv_tools.viewer.pixels import DISPARITY, Pixels
 from opencv_tools.viewer.protocol import parse_point, parse_region, topic_of, valid_number
+from opencv_tools.viewer.region import Region, region_within
+
+#: Samples of a line at most, and bins of a histogram.
+MAX_SAMPLES, BINS = 512, 64
+# Values that a text or a chart has at most.
+_MAX_VALUES, _MAX_CURVES = 8, 3
+# Pixels that a histogram counts at most.
+_MAX_COUNTED = 500_000
+_MILLIMETRES = 1000  # in a metre, the unit of depth in 16 bits
+
+_Chart = dict[str, Any]
+
+
+def describe_pixel(pixels: Pixels, x: int, y: int) -> str:
+    """
+    Return the value of a pixel as a text.
+
+    :raises CodecError: there is no such pixel.
+    """
+    _check_inside(pixels, x, y)
+    image, encoding = pixels.image, pixels.encoding
+    if encoding.kind == 'yuv':
+        return ', '.join(f'{name} {value}' for name, value in
+                         zip('YUV', _yuv_values(image, encoding, x, y), strict=True))
+    values = np.atleast_1d(pixels.numbers(image[y:y + 1, x:x + 1])[0, 0])
+    if encoding.kind == 'bayer':
+        return f'{encoding.order[y % 2 * 2 + x % 2].upper()} {values[0]}'
+    if encoding.kind == 'color' and encoding.order != 'y':
+        return ', '.join(f'{name.upper()} {value}'
+                         for name, value in zip(encoding.order, values, strict=True))
+    if encoding is DISPARITY:
+        return f'{values[0]} px' if np.isfinite(values[0]) else 'no disparity'
+    if encoding.name in ('16UC1', '32FC1'):
+        return _describe_depth(values[0], encoding.name == '16UC1')
+    more = ', ...' if len(values) > _MAX_VALUES else ''
+    return ', '.join(str(value) for value in values[:_MAX_VALUES]) + more
+
+
+def line_profile(pixels: Pixels, begin: tuple[int, int], end: tuple[int, int]) -> _Chart:
+    """
+    Return the values along a line.
+
+    :param begin: column and row of the first pixel.
+    :param end: column and row of the last pixel.
+    :returns: ``names`` and ``curves``, lists of numbers with None for values that are not finite,
+        and ``low`` and ``high``, the smallest and the largest number.
+    :raises CodecError: an end is outside of the image.
+    """
+    _check_inside(pixels, *begin)
+    _check_inside(pixels, *end)
+    planes, names = _planes(pixels)
+    count = min(MAX_SAMPLES, max(abs(begin[0] - end[0]), abs(begin[1] - end[1])) + 1)
+    columns, rows = (np.linspace(first, last, count).round().astype(int)
+                     for first, last in zip(begin, end, strict=True))
+    curves = [pixels.numbers(plane[rows, columns]).astype(float) for plane in planes]
+    finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
+    return {'names': names, 'low': float(finite.min(initial=np.inf)) if finite.size else None,
+            'high': float(finite.max(initial=-np.inf)) if finite.size else None,
+            'curves': [[value if np.isfinite(value) else None for value in curve.tolist()]
+                       for curve in curves]}
+
+
+def histogram(pixels: Pixels, region: Region | None) -> _Chart:
+    """
+    Count the values of a part of an image.
+
+    :param region: the part; None for the whole image.
+    :returns: ``names`` and ``curves``, the parts of all pixels in each bin, from ``low`` to
+        ``high``; and the parts of the pixels that are ``over`` and ``under`` exposed, with the
+        largest or the smallest value of their type, and that have no number (``missing``), with
+        what they lack (``lacking``). ``low`` and ``high`` are None if all pixels lack it.
+    """
+    planes, names = _planes(pixels)
+    part = region_within(region, *pixels.size)
+    step = int(np.ceil(np.sqrt(part.width * part.height / _MAX_COUNTED))) or 1
+    if pixels.encoding.kind == 'bayer':
+        step |= 1  # so that all colours are counted
+    planes = [pixels.numbers(part.crop(plane)[::step, ::step]) for plane in planes]
+    dtype, has_depth = planes[0].dtype, pixels.encoding.name in UNITS
+    missing = np.logical_or.reduce([missing_numbers(plane, pixels.encoding) for plane in planes])
+    over = under = np.zeros(planes[0].shape, bool)
+    if dtype.kind == 'u' and not has_depth:
+        over = np.logical_or.reduce([plane == np.iinfo(dtype).max for plane in planes])
+        under = np.logical_and.reduce([plane == 0 for plane in planes])
+    found = [plane[~missing] for plane in planes]
+    low, high = (0.0, 255.0) if dtype == np.uint8 else _limits(found)
+    count = max(1, missing.size)
+    lacking = 'depth' if has_depth else 'a number'
+    return {'names': names, 'low': low, 'high': high,
+            'over': float(over.mean()), 'under': float(under.mean()),
+            'missing': float(missing.mean()),
+            'lacking': DISPARITY.name if pixels.encoding is DISPARITY else lacking,
+            'curves': [(_count(values, low, high) / count).tolist() for values in found]}
+
+
+def _count(values: NDArray[Any], low: float | None, high: float | None) -> NDArray[Any]:
+    """Count values in bins of equal width; equal values are in the middle."""
+    if values.dtype == np.uint8:
+        return np.bincount(values >> 2, minlength=BINS)
+    if low is None or high is None or low == high:
+        return np.eye(1, BINS, BINS // 2)[0] * values.size
+    return np.histogram(values.astype(float), BINS, (low, high))[0]
+
+
+def _limits(found: list[NDArray[Any]]) -> tuple[float, float] | tuple[None, None]:
+    """Return the smallest and the largest number, if any; larger ones than a range has are cut."""
+    numbers = [values for values in found if values.size]
+    if not numbers:
+        return None, None
+    return (within_range(min(values.min() for values in numbers)),
+            within_range(max(values.max() for values in numbers)))
+
+
+def _check_inside(pixels: Pixels, x: int, y: int) -> None:
+    width, height = pixels.size
+    if not (0 <= x < width and 0 <= y < height):
+        raise CodecError(f'there is no pixel {x}, {y} in an image of {width}x{height} pixels')
+
+
+def _planes(pixels: Pixels) -> tuple[list[NDArray[Any]], list[str]]:
+    """Return the channels of a chart, and their names; those of YUV are luma alone."""
+    image, encoding = pixels.image, pixels.encoding
+    if encoding.kind == 'yuv':
+        luma = image[..., encoding.order.index('y')] if image.ndim == 3 else image
+        return [luma[:pixels.size[1]]], ['Y']
+    if image.ndim == 2:
+        return [image], ['']
+    names = [name.upper() for name in encoding.order] or [
+        str(place) for place in range(image.shape[2])]
+    shown = [place for place, name in enumerate(names) if name != 'A'][:_MAX_CURVES]
+    return [image[..., place] for place in shown], [names[place] for place in shown]
+
+
+def _yuv_values(image: NDArray[Any], encoding: Encoding, x: int, y: int) -> tuple[int, int, int]:
+    """Return luma and chroma of a pixel; two or four pixels share their chroma."""
+    even = x & ~1
+    if image.ndim == 3:  # two bytes a pixel: luma, and U or V in turn
+        luma = encoding.order.index('y')
+        other = min(even + 1, image.shape[1] - 1)
+        return image[y, x, luma], image[y, even, 1 - luma], image[y, other, 1 - luma]
+    height, width = encoding.height(image.shape[0]), image.shape[1]
+    chroma = image[height:].reshape(-1)
+    place = y * 2 * width + 2 * x if encoding.row_factor == 3 else y // 2 * width + even
+    first, second = chroma[place], chroma[place + 1]
+    return (image[y, x], second, first) if encoding.order == 'nv21' else (
+        image[y, x], first, second)
+
+
+def _describe_depth(value: Any, is_millimetres: bool) -> str:
+    """Return the depth as it is in the message, in metres as well."""
+    if not np.isfinite(value) or not value:
+        return f'{value!s} (no depth)'
+    return f'{value} ({value / _MILLIMETRES:.3f} m)' if is_millimetres else f'{value!s} m'
+
 
 #: Topics of a page whose frames are kept for its questions.
 MAX_LOOKS = 4

@@ -24,7 +24,7 @@ from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from opencv_tools.logs import Log
-from opencv_tools.viewer.depth_range import DepthRange, Steady
+from opencv_tools.viewer.depth_colors import DepthRange, Steady
 from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.feed import Feed, FeedKey, NewFrame
 from opencv_tools.viewer.pixels import Pixels, read_pixels

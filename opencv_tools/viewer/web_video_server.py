@@ -22,18 +22,52 @@ from contextlib import asynccontextmanager
 import secrets
 from urllib.parse import urlencode
 
-from opencv_tools.cv_bridge import CvBridgeError
+from opencv_tools.cv_bridge import CvBridge, CvBridgeError
+from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
+from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.recording.errors import UnwritableError
+from opencv_tools.recording.frames import CompressedFrame
+from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, read_image_header
+from opencv_tools.recording.naming import FileNames
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.graph import NO_STATE
 from opencv_tools.viewer.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import number_of, topic_of
-from opencv_tools.viewer.snapshot_file import encode_original
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.web import Refusal, SiteHandler
 from tornado.escape import xhtml_escape
+
+# Lossless formats, most common first; .npy stores every frame.
+_SUFFIXES = ('.png', '.tiff', '.npy')
+
+
+def encode_original(message: WireMessage, topic: str, receive_ns: int) -> tuple[str, bytes]:
+    """
+    Encode a frame without loss.
+
+    :param message: raw or compressed image; a compressed image is not changed.
+    :param topic: topic of the message, for the name.
+    :param receive_ns: time of reception in nanoseconds of the system clock.
+    :returns: name of the file and its content.
+    :raises ImageError: the message is not a valid image.
+    :raises CvBridgeError: the message is not a valid image.
+    """
+    frame = FrameConverter(CvBridge()).convert(message, topic, receive_ns)
+    suffixes: tuple[str, ...] = _SUFFIXES
+    if isinstance(frame, CompressedFrame):
+        suffixes = read_image_header(frame.data).suffixes[:1] or _SUFFIXES
+    for suffix in suffixes:
+        try:
+            parts = encode_frame(frame, EncoderSettings(suffix)).parts()
+            break
+        except UnwritableError:
+            if suffix == suffixes[-1]:
+                raise
+    return FileNames(f'{{topic}}_{{stamp}}{suffix}').name(0, frame.metadata), b''.join(parts)
+
 
 _FRAME_SECONDS = 5.0
 # Chromium shows a part of a stream when the next part begins, so the last one is repeated.

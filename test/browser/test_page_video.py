@@ -23,7 +23,7 @@ from conftest import NodeProcess, spin_until
 from hosts import new_host
 import numpy as np
 from opencv_tools.image.cdr import WireHeader
-from opencv_tools.topics.video_topics import VideoTopics
+from opencv_tools.topics.frame_topics import VideoTopics
 from opencv_tools.video.settings import VideoSettings
 from pages import Camera, numbered_frame, SCRIPT, STRIPE, Viewer
 import pytest

@@ -27,9 +27,8 @@ import cv2
 import mcap.reader
 from numbered_video import (
     flat_packets, MS, number_of, numbers, read_packets, units, video_message, VideoSender)
-from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.video.messages import (
-    cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS)
+from opencv_tools.recording.video.writer import count_frames
+from opencv_tools.video.messages import cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
 import pytest
 from rclpy.node import Node
 from rosbags.rosbag2.metadata import parse_qos

@@ -28,7 +28,7 @@ from opencv_tools.calibration.boards import parse_board
 from opencv_tools.calibration.camera_file import read_camera
 from opencv_tools.transport import zero_copy
 from opencv_tools.viewer.calibrate.camera_info import find_service
-from opencv_tools.viewer.calibrate.former import Former, read_former
+from opencv_tools.viewer.calibrate.sessions import Former, read_former
 from opencv_tools.viewer.control import check_server, Control
 from opencv_tools.viewer.errors import RequestError
 import pytest

@@ -27,7 +27,7 @@ from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.image.orientation import FLIPS, orient, ROTATIONS, turned_axes
-from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
+from opencv_tools.nodes.publisher.camera_info import turn_camera_info
 from opencv_tools.rectification import rectified_info, Rectifier
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 import copy
 from functools import lru_cache, partial
@@ -28,18 +28,99 @@ from threading import Lock
 
 from ament_index_python.packages import get_package_share_directory
 import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.image.orientation import turned_axes
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.calibration_file import (
     CameraInfoError, read_camera_info, write_camera_info)
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
-from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
 from opencv_tools.rectification import rectified_info
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Header
+
+# Models with the coefficients k1, k2, p1, p2, k3 ... k6, s1 ... s4, tau_x, tau_y of OpenCV.
+_POLYNOMIALS = ('plumb_bob', 'rational_polynomial')
+_POLYNOMIAL_LENGTHS = (4, 5, 8, 12, 14)
+_TILT = 12
+# Indices of pairs of coefficients that turn like x and y: (p2, p1), (s1, s3) and (s2, s4).
+_VECTORS = ((3, 2), (8, 10), (9, 11))
+# Models with rotational symmetry.
+_SYMMETRIC = ('equidistant',)
+
+
+def turn_camera_info(info: CameraInfo, axes: NDArray[np.float64]) -> CameraInfo:
+    """
+    Convert a calibration to flipped or rotated images.
+
+    The optical frame turns with the image: x still points right, and y down.
+
+    :param info: calibration to convert.
+    :param axes: (2, 2) matrix of ``turned_axes``; its transpose is the inverse.
+    :returns: a copy for the turned images.
+    :raises CameraInfoError: CameraInfo cannot represent the turned camera.
+    """
+    turned = copy.deepcopy(info)
+    if (axes == np.eye(2)).all():
+        return turned
+    order = np.abs(axes).argmax(1)
+    is_reversed = axes.sum(1) < 0
+    size = np.array([info.width, info.height])[order]
+    space = np.eye(3)
+    space[:2, :2] = axes
+    pixels = space.copy()
+    pixels[:2, 2] = np.where(is_reversed, size - 1, 0)
+    k = pixels @ info.k.reshape(3, 3) @ space.T
+    p = pixels @ info.p.reshape(3, 4)
+    p[:, :3] = p[:, :3] @ space.T
+    if k[1, 0] or p[1, 0]:
+        raise CameraInfoError('a calibration with skewed pixel axes cannot be rotated: '
+                              'set rotate to 0')
+    r = space @ info.r.reshape(3, 3) @ space.T
+    # Adding 0.0 converts -0.0 to 0.0.
+    turned.k, turned.p, turned.r = ((matrix + 0.0).ravel() for matrix in (k, p, r))
+    turned.d = _turn_distortion(info.distortion_model, info.d, axes)
+    turned.width, turned.height = map(int, size)
+    binning = [info.binning_x, info.binning_y]
+    turned.binning_x, turned.binning_y = (binning[side] for side in order)
+    if info.roi.width or info.roi.height:
+        turned.roi = _turn_region(info, order, is_reversed)
+    return turned
+
+
+def _turn_distortion(
+    model: str, coefficients: Sequence[float], axes: NDArray[np.float64],
+) -> list[float]:
+    """Turn the coefficients of a distortion model, if the model is supported."""
+    turned = np.array(coefficients, np.float64)
+    if not turned.any() or model in _SYMMETRIC:
+        return turned.tolist()
+    is_supported = model in _POLYNOMIALS and len(turned) in _POLYNOMIAL_LENGTHS
+    if not is_supported or turned[_TILT:].any():
+        raise CameraInfoError(
+            f'a calibration with {len(turned)} coefficients of distortion model {model!r} can be '
+            'neither flipped nor rotated: set flip to none and rotate to 0')
+    for pair in _VECTORS:
+        if max(pair) < len(turned):
+            turned[[*pair]] = axes @ turned[[*pair]] + 0.0
+    return turned.tolist()
+
+
+def _turn_region(
+    info: CameraInfo, order: NDArray[np.int_], is_reversed: NDArray[np.bool_],
+) -> RegionOfInterest:
+    roi = info.roi
+    sizes = info.width, info.height
+    starts, lengths = (roi.x_offset, roi.y_offset), (roi.width, roi.height)
+    (x, width), (y, height) = (
+        (max(0, sizes[side] - starts[side] - lengths[side]) if backwards else starts[side],
+         lengths[side])
+        for side, backwards in zip(order, is_reversed, strict=True))
+    return RegionOfInterest(
+        x_offset=x, y_offset=y, width=width, height=height, do_rectify=roi.do_rectify)
+
 
 DEFAULT_URL = 'file://${ROS_HOME}/camera_info/${NAME}.yaml'
 

@@ -29,9 +29,8 @@ from opencv_tools.image.orientation import turned_axes
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
-from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.camera_info import Calibration, turn_camera_info
 from opencv_tools.nodes.publisher.output_topics import OutputTopics
-from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
 from opencv_tools.rectification import rectified_info, Rectifier
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import resolve_topic

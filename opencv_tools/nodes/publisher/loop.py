@@ -17,11 +17,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 import time
 from typing import Any
 
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.errors import CaptureError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import OutputImage
@@ -33,16 +34,63 @@ from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
-from opencv_tools.nodes.publisher.played_topics import differences
-from opencv_tools.nodes.publisher.source_log import SourceLog
 from opencv_tools.nodes.publisher.stamps import FrameHeaders
-from opencv_tools.nodes.publisher.topic_player import TopicPlayer
+from opencv_tools.nodes.publisher.topic_player import differences, TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.progress import Progress
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.timers import Delay
 from rclpy.node import Node
 from std_srvs.srv import SetBool
+
+
+class SourceLog:
+    """Log the events of a source, in the thread that reads it; see `SourceListener`."""
+
+    def __init__(self, log: Log, topic: str, controls: CameraControls) -> None:
+        """
+        Wait for the first event.
+
+        :param topic: topic of the frames after remapping.
+        :param controls: controls of the camera, which become parameters when it is open.
+        """
+        #: Number of frames that could not be read or published.
+        self.dropped = 0
+        self._log = log
+        self._topic = topic
+        self._controls = controls
+
+    def opened(self, source: Source, is_back: bool) -> None:
+        """Log the opened source and any camera settings that could not be applied."""
+        if not is_back:
+            self._log.info(f'{source.name} opened: {source.description}, '
+                           f'publishing to {self._topic}')
+        if isinstance(source, (BagSource, CameraSource)):
+            for warning in source.warnings:
+                self._log.warning(warning)
+        if isinstance(source, CameraSource):
+            self._controls.camera_opened()
+
+    def lost(self, reason: UnavailableError, longest: float) -> None:
+        """Log that the source is unavailable."""
+        limit = '' if longest == math.inf else f' for {longest:g} s'
+        self._log.error(f'{reason}; waiting for it{limit}')
+        self._controls.report_unused()
+
+    def returned(self, source: Source, seconds: float) -> None:
+        """Log that the source is available again."""
+        self._log.info(f'{source.name} is back after {seconds:.1f} s: {source.description}')
+
+    def broken(self, reason: BrokenFrameError | ImageError) -> None:
+        """Count and log a frame that cannot be read or published."""
+        self.dropped += 1
+        # A camera may send the same broken frame repeatedly.
+        self._log.warning(f'frame dropped: {reason}', every=1.0)
+
+    def waiting(self, seconds: float) -> None:
+        """Log that the next frame of a file is far away."""
+        self._log.info(f'the next image is due in {seconds:.0f} s')
+
 
 # Parameters that apply when the camera is opened.
 _CAMERA_PARAMETERS = frozenset(('width', 'height', 'fps', 'fourcc'))

@@ -16,29 +16,215 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from threading import Thread
+from threading import Condition, Thread
 import time
 
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.offered_qos import KEEP_LAST, OfferedQos, read_offered_qos
 from opencv_tools.bags.open_bag import open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
+from opencv_tools.capture.player import LONG_WAIT_SECONDS
 from opencv_tools.image.text import printable
 from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
-from opencv_tools.nodes.publisher.pace import Pace
-from opencv_tools.nodes.publisher.played_topics import playback_qos, played_topics
-from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
+from opencv_tools.topics.errors import ROS_ERRORS, ros_reason
+from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.transport.message_type import message_type
+from opencv_tools.units import NANO
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+_MAX_DEPTH = 1000
+_UNKNOWN_DEPTH = 10  # of a publisher that keeps all messages, or does not announce how many
+_TRANSIENT_LOCAL, _BEST_EFFORT = 1, 2  # see OfferedQos
+
+
+def played_topics(source: BagSource, patterns: Sequence[str]) -> list[BagTopic]:
+    """
+    Return the topics that match, without those that are published with the images.
+
+    Topics whose messages are not CDR, which cannot be published, are the last ones.
+    """
+    info = BagTopic(camera_info_topic(source.topic.name), CAMERA_INFO)
+    return sorted((topic for topic in source.topics.keys() - {source.topic, info}
+                   if matches(topic.name, patterns)),
+                  key=lambda topic: (topic.serialization != CDR, topic.name, topic.type_name))
+
+
+def playback_qos(topic: BagTopic, count: int) -> QoSProfile:
+    """
+    Return the profile of the one publisher that stands for all recorded ones.
+
+    A late subscriber gets as many latched messages as all recorded publishers keep together. Fast
+    DDS does not announce how many these are; then it gets all, at most 1000.
+
+    :param topic: topic with the quality of service of its recorded publishers.
+    :param count: number of messages of the topic in the bag.
+    """
+    offers = read_offered_qos(topic.qos) or [OfferedQos()]
+    is_latched = max(offer.durability for offer in offers) == _TRANSIENT_LOCAL
+    are_known = all(offer.depth and offer.history == KEEP_LAST for offer in offers)
+    depths = [offer.depth if offer.depth and offer.history == KEEP_LAST else _UNKNOWN_DEPTH
+              for offer in offers]
+    depth = max(depths) if not is_latched else (
+        sum(depths) if are_known else max(sum(depths), count))
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=min(depth, _MAX_DEPTH),
+        reliability=(ReliabilityPolicy.BEST_EFFORT
+                     if max(offer.reliability for offer in offers) == _BEST_EFFORT
+                     else ReliabilityPolicy.RELIABLE),
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if is_latched
+                    else DurabilityPolicy.VOLATILE))
+
+
+def differences(publish_rate: float, stamp: str) -> list[str]:
+    """
+    Return sentences about the times and stamps of images that are not those of the bag.
+
+    :param publish_rate: frames per second; 0.0 for the times of the bag.
+    :param stamp: stamps of the images, as the parameter ``stamp``.
+    """
+    found = []
+    if publish_rate:
+        found.append(f'images are published at {publish_rate:g} Hz, and other topics between '
+                     'them, not at the times of the bag; set publish_rate:=0.0 for these times')
+    if stamp != 'original':
+        found.append('other topics keep the stamps of the bag, images do not; set stamp:=original '
+                     'for the stamps of the bag')
+    return found
+
+
+_MAX_WAIT_SECONDS = 3600.0  # times in a bag may be years apart
+_PATIENCE_SECONDS = 2.0  # until a long wait is logged, because an image may end the wait
+
+
+class Pace:
+    """The frames and the clock, at which the messages of a bag wait."""
+
+    def __init__(self, from_start: bool, on_long_wait: Callable[[float], object]) -> None:
+        """
+        Wait for the first frame.
+
+        :param from_start: whether the messages before the first frame wait for their times.
+        :param on_long_wait: called with the seconds of a wait of more than a minute.
+        """
+        self.changed = Condition()
+        self.is_closed = False
+        self._from_start = from_start
+        self._on_long_wait = on_long_wait
+        self._frame: Recorded | None = None  # the newest frame
+        self._anchor: tuple[int, float] | None = None  # a time of the bag, and the time it was at
+        self._reached = -1, -1  # play and time of the image that the messages have come to
+        self._begun = -1  # play whose first frame is published
+        self._ended = -1  # play whose messages are published
+        self._is_finishing = False
+
+    def advance(self, frame: Recorded) -> None:
+        """
+        Set the newest frame. A frame that is held comes again and changes nothing.
+
+        The first frame of a play waits for the messages after the last frame of the play before,
+        as ``finish`` does, and for the messages before itself.
+        """
+        with self.changed:
+            last = self._frame
+            if last and (last.play, last.log_ns) == (frame.play, frame.log_ns):
+                return
+            is_first = last is None or last.play != frame.play
+            if is_first:
+                self.finish()
+                self._is_finishing = False
+            self._frame = frame
+            self.changed.notify_all()
+            if is_first:
+                self.changed.wait_for(
+                    lambda: self._reached >= (frame.play, frame.log_ns) or self._is_over)
+            self._begun, self._anchor = frame.play, (frame.log_ns, time.monotonic())
+            self.changed.notify_all()
+
+    def finish(self) -> None:
+        """End the play at the next image, and wait for that."""
+        with self.changed:
+            self._is_finishing = True
+            self.changed.notify_all()
+            self.changed.wait_for(lambda: self._frame is None or self._is_over)
+
+    def close(self) -> None:
+        """End all waits."""
+        with self.changed:
+            self.is_closed = True
+            self.changed.notify_all()
+
+    def end_play(self, play: int) -> None:
+        """Set the play whose messages are all published."""
+        with self.changed:
+            self._ended = play
+            self.changed.notify_all()
+
+    def next_play(self, last: Recorded | None) -> Recorded | None:
+        """Wait for the first frame of another play than that of a frame; None at the end."""
+        with self.changed:
+            while not self.is_closed and (
+                    self._frame is None or (last and self._frame.play == last.play)):
+                self.changed.wait()
+            self._anchor = None
+            return None if self.is_closed else self._frame
+
+    def waits_for_frame(self, play: int, log_ns: int) -> bool:
+        """Wait at an image until its frame or a later one is published; False at the end."""
+        with self.changed:
+            self._reached = play, log_ns
+            self.changed.notify_all()
+            self.changed.wait_for(lambda: self._is_finishing or self.is_closed or (
+                self._begun >= play and self._is_past(play, log_ns)))
+            return self._is_playing(play) and self._is_past(play, log_ns)
+
+    def waits_until_due(self, play: int, log_ns: int, is_before: bool) -> bool:
+        """
+        Wait until a message is due, or the next frame is published; return False at the end.
+
+        :param is_before: whether the message is before the first frame.
+        """
+        began, is_reported = time.monotonic(), False
+        with self.changed:
+            while self._is_playing(play):
+                if self._anchor is None:
+                    self._anchor = log_ns, time.monotonic()
+                at_ns, at = self._anchor
+                seconds = (log_ns - at_ns) / NANO - (time.monotonic() - at)
+                if (seconds <= 0 or (is_before and not self._from_start)
+                        or (not is_before and self._is_past(play, log_ns))):
+                    return True
+                longest = _MAX_WAIT_SECONDS
+                if seconds > LONG_WAIT_SECONDS and not is_reported:
+                    longest = began + _PATIENCE_SECONDS - time.monotonic()
+                    if longest <= 0:
+                        is_reported, longest = True, _MAX_WAIT_SECONDS
+                        self._on_long_wait(seconds)
+                self.changed.wait(min(seconds, longest))
+            return False
+
+    @property
+    def _is_over(self) -> bool:
+        return self.is_closed or (self._frame is not None and self._ended >= self._frame.play)
+
+    def _is_playing(self, play: int) -> bool:
+        return not self.is_closed and self._frame is not None and self._frame.play == play
+
+    def _is_past(self, play: int, log_ns: int) -> bool:
+        """Return whether a frame of a time or a later one is published."""
+        return self._frame is not None and (
+            self._frame.play, self._frame.log_ns) >= (play, log_ns)
+
 
 _MAX_TOPICS = 500
 _WARNING_SECONDS = 10.0

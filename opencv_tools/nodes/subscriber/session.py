@@ -21,12 +21,13 @@ from functools import partial
 from pathlib import Path
 import time
 
+from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.logs import Log
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
-from opencv_tools.nodes.subscriber.save_service import SaveRequests
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError, Unwritten
+from opencv_tools.recording.failure_log import plain_reason
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
@@ -36,7 +37,83 @@ from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
 from opencv_tools.regular_files import user_path
 from opencv_tools.topics.timers import create_steady_timer
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+_TIMEOUT_SECONDS = 3.0
+_END_SECONDS = 5.0
+# Number of calls that the middleware keeps; the default depth of ROS services is 10.
+_DEPTH = 1000
+
+
+class SaveRequests:
+    """Reply to each call of ``~/save`` when the next frame is written or has failed."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._waiting: list[Future] = []
+        self._unanswered = 0
+        self._is_closed = False
+        # In the group of the subscription, a waiting call would block the frames.
+        self._service = node.create_service(
+            Trigger, '~/save', self._save, qos_profile=QoSProfile(depth=_DEPTH),
+            callback_group=ReentrantCallbackGroup())
+
+    def pop_all(self) -> list[Future]:
+        """Return and clear the requests for the present frame."""
+        taken, self._waiting = self._waiting, []
+        return taken
+
+    def complete(self, requests: list[Future], outcome: Path | str) -> None:
+        """
+        Complete requests with the outcome of their frame; thread-safe.
+
+        :param requests: requests for the frame.
+        :param outcome: path of the frame, or the reason why it was not written.
+        """
+        for request in requests:
+            request.set_result(outcome)
+        executor = self._node.executor
+        if executor:
+            executor.wake()
+
+    def close(self) -> None:
+        """Refuse waiting and new calls, because the node is shutting down."""
+        self._is_closed = True
+        self.complete(self.pop_all(), 'the node is shutting down')
+        deadline = time.monotonic() + _END_SECONDS
+        executor = self._node.executor
+        while executor and self._unanswered and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=0.1)
+
+    async def _save(
+        self, _request: Trigger.Request, response: Trigger.Response,
+    ) -> Trigger.Response:
+        if self._is_closed:
+            response.message = 'the node is shutting down'
+            return response
+        request = Future()
+        self._waiting.append(request)
+        self._unanswered += 1
+        timer = create_steady_timer(
+            self._node, _TIMEOUT_SECONDS, lambda: self._fail(request))
+        outcome = await request
+        self._node.destroy_timer(timer)
+        response.success = isinstance(outcome, Path)
+        response.message = (printable(outcome, MAX_PATH) if response.success
+                            else plain_reason(str(outcome)))
+        self._unanswered -= 1
+        return response
+
+    def _fail(self, request: Future) -> None:
+        """Fail a request that timed out. An older frame would not show the current scene."""
+        if request in self._waiting:
+            self._waiting.remove(request)
+            request.set_result(f'no frame arrived within {_TIMEOUT_SECONDS:g} s')
+
 
 # Period of the checks for room in the queue.
 _POLL_SECONDS = 0.001

@@ -16,34 +16,203 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Container, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Event, Thread
 import time
 
 from opencv_tools.bags.offered_qos import offered_qos_text
 from opencv_tools.bags.schemas import camera_info_topic
 from opencv_tools.bags.writing import BagChannel
+from opencv_tools.image.errors import CdrError
 from opencv_tools.image.text import enumerated, printable
 from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.bag_messages import offered_qos
-from opencv_tools.nodes.subscriber.left_out_topics import LeftOutTopics
-from opencv_tools.nodes.subscriber.message_batches import MessageBatches
-from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
-from opencv_tools.recording.bag_file import MessageBatch
+from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.recording.errors import Unwritten
+from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone
-from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.message_reader import MessageReader
+from opencv_tools.topics.order import FrameOrder, Position
 from opencv_tools.topics.qos import following_qos
-from opencv_tools.topics.ros_errors import ROS_ERRORS, ros_reason
 from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
 from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+
+@dataclass(eq=False)
+class RecordedTopic:
+    """A topic that is recorded, and the account of its messages."""
+
+    reader: MessageReader
+    channel: BagChannel
+    message_class: type
+    qos: QoSProfile
+    order: FrameOrder = field(default_factory=FrameOrder)
+    publishers: frozenset[bytes] = frozenset()  # identifiers of those that are followed
+    received: int = 0
+    written: int = 0
+    unwritten: Counter[str] = field(default_factory=Counter)  # by the kind of `Unwritten`
+
+    def account(self, with_type: bool = False) -> str:
+        """
+        Return the account: received = written + dropped + failed + not processed + skipped.
+
+        :param with_type: whether the type of the messages is named.
+        """
+        kind = f' ({self.channel.type_name})' if with_type else ''
+        return (f'{self.channel.topic}{kind}: {self.received} messages received, {self.written} '
+                f'written{self._unwritten("dropped", "failed")}, {self.order.count} lost in '
+                'transit' + ('' if self.order.is_complete else ' since the first received message')
+                + self._unwritten('not processed', 'skipped'))
+
+    def _unwritten(self, *names: str) -> str:
+        return ''.join(f', {count} {name}' for name in names if (count := self.unwritten[name]))
+
+
+_BATCH_BYTES = 1 << 22
+_MAX_TAKEN = 1000  # messages of a topic before the next topic has its turn
+_WARNING_SECONDS = 10.0
+
+
+_Taken = tuple[RecordedTopic, RecordedMessage]
+
+
+class MessageBatches:
+    """Messages that are recorded together, in the order of their arrival."""
+
+    def __init__(
+        self, image_topic: str, put: Callable[[MessageBatch, OnDone], object], log: Log,
+    ) -> None:
+        """
+        Create a collector without messages.
+
+        :param image_topic: topic of the frames after remapping.
+        :param put: records messages; may wait.
+        """
+        self._image_topic = image_topic
+        self._put = put
+        self._log = log
+        self._taken: list[_Taken] = []
+        self._bytes = 0
+        self._finished: deque[tuple[list[_Taken], MessageBatch, Path | Unwritten]] = deque()
+
+    def add(self, topic: RecordedTopic, message: RecordedMessage) -> None:
+        """Add a message, and record the batch if it is large."""
+        self._taken.append((topic, message))
+        self._bytes += message.size
+        if self._bytes >= _BATCH_BYTES:
+            self.flush()
+
+    def flush(self) -> None:
+        """Record the messages that were added."""
+        if not self._taken:
+            return
+        taken = sorted(self._taken, key=lambda item: item[1].log_ns)
+        self._taken, self._bytes = [], 0
+        first = taken[0][1].log_ns
+        batch = MessageBatch(
+            metadata=FrameMetadata(first, '', '', self._image_topic), receive_ns=first,
+            messages=tuple(message for _, message in taken))
+        self._put(batch, lambda outcome: self._finished.append((taken, batch, outcome)))
+
+    def count_finished(self) -> None:
+        """Count the messages of batches that were written or have failed."""
+        while self._finished:
+            taken, batch, outcome = self._finished.popleft()
+            for topic, _ in taken[:batch.result.written]:
+                topic.written += 1
+            if isinstance(outcome, Unwritten):
+                for topic, _ in taken[batch.result.written:]:
+                    topic.unwritten[outcome.kind] += 1
+
+    def take_all(self, topic: RecordedTopic) -> None:
+        """Take and add the messages of a topic that have arrived."""
+        for _ in range(_MAX_TAKEN):
+            if not self._take(topic):
+                break
+
+    def _take(self, topic: RecordedTopic) -> bool:
+        """Take a message; return whether there was one."""
+        try:
+            taken = topic.reader.take_serialized()
+        except RuntimeError as err:
+            self._log.error(f'a message of {topic.channel.topic} cannot be received: '
+                            f'{ros_reason(err)}', every=_WARNING_SECONDS,
+                            key=topic.channel.topic)
+            return False
+        if taken is None:
+            return False
+        data, info = taken
+        try:
+            if not topic.order.accepts(
+                    bytes(info.publisher), Position(info.number), info.source_timestamp):
+                return True  # a latched message comes again after a new subscription
+        except CdrError as err:
+            self._log.warning(f'{topic.channel.topic}: {err}', every=_WARNING_SECONDS,
+                              key=topic.channel.topic)
+        topic.received += 1
+        log_ns = info.received_timestamp or time.time_ns()
+        self.add(topic, RecordedMessage(
+            channel=topic.channel, parts=(data,), log_ns=log_ns,
+            publish_ns=info.source_timestamp or log_ns, number=info.number))
+        return True
+
+
+_MAX_LOGGED = 1000  # reasons
+
+
+class LeftOutTopics:
+    """
+    Log once why a topic is not recorded, and again after a change of its publishers.
+
+    Only topics that exist are remembered.
+    """
+
+    def __init__(self, log: Log) -> None:
+        """Begin without topics."""
+        self._log = log
+        self._publishers: dict[str, frozenset[bytes]] = {}
+        self._logged = 0
+
+    def keep(self, names: Container[str]) -> None:
+        """Forget all topics but those with some names."""
+        self._publishers = {
+            name: publishers for name, publishers in self._publishers.items() if name in names}
+
+    def has(self, name: str, publishers: frozenset[bytes]) -> bool:
+        """Return whether a topic was added with the same publishers."""
+        return self._publishers.get(name) == publishers
+
+    def add(self, name: str, publishers: frozenset[bytes], shown: str, reason: str) -> None:
+        """
+        Add a topic.
+
+        :param name: name of the topic.
+        :param publishers: identifiers of its publishers.
+        :param shown: what is not recorded, for the log.
+        :param reason: why.
+        """
+        if self.has(name, publishers):
+            return
+        self._publishers[name] = publishers
+        self._logged += 1
+        if self._logged <= _MAX_LOGGED:
+            self._log.warning(f'{shown} is not recorded: {reason}')
+        else:
+            self._log.warning(
+                f'more than {_MAX_LOGGED} topics are not recorded; further reasons are not logged',
+                once='topics left out')
+
 
 _DEPTH = 100  # messages of a topic that the middleware keeps
 _POLL_SECONDS = 0.02
@@ -51,7 +220,6 @@ _BATCH_SECONDS = 0.1
 _DISCOVERY_SECONDS = 0.5
 _MAX_TOPICS = 500
 _MAX_PUBLISHERS = 100
-_WARNING_SECONDS = 10.0
 
 
 class TopicRecorder:

@@ -35,9 +35,54 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.file_format import Room
-from opencv_tools.recording.output_file import OutputFile
 from opencv_tools.recording.recorder import Prepared
+from opencv_tools.regular_files import is_same_file, write_buffer
 from opencv_tools.units import NANO
+
+
+class OutputFile:
+    """
+    A new file that FFmpeg writes to.
+
+    Write errors are stored here instead of raised, because FFmpeg would replace them by its own.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.size = 0
+        self.error: OSError | None = None
+        self._path = path
+        self.raw = path.open('xb', buffering=0)  # not ``close``, which PyAV would call
+        self.seek, self.tell = self.raw.seek, self.raw.tell
+
+    def write(self, data: bytes) -> int:
+        """Write all data; ignore data after an error."""
+        if self.error is None:
+            try:
+                write_buffer(self.raw, data)
+            except OSError as err:
+                self.error = err.with_traceback(None)  # the traceback would keep the encoder alive
+            self.size = max(self.size, self.raw.tell())
+        return len(data)
+
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+        try:
+            return is_same_file(self.raw.fileno(), self._path)
+        except OSError:  # the folder cannot be read now
+            return True
+
+    def check(self, whole: int) -> None:
+        """
+        Raise the stored write error, if any.
+
+        :param whole: size of the complete part in bytes; after an error the rest is truncated.
+        :raises OSError: a write failed.
+        """
+        if self.error is not None:
+            with suppress(OSError):
+                self.size = self.raw.truncate(whole)
+            raise OSError(self.error.errno, self.error.strerror, str(self._path)) from self.error
+
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 

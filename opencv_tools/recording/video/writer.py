@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+import errno
 from fractions import Fraction
 import os
 from pathlib import Path
@@ -24,10 +25,41 @@ from typing import Any
 
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.file_format import Room
-from opencv_tools.recording.video.container import (
-    CONTAINER_FORMATS, VideoFile, VideoStream)
+from opencv_tools.recording.video.container import CONTAINER_FORMATS, VideoFile, VideoStream
 from opencv_tools.recording.video.frame import VideoFrame
 from opencv_tools.remedies import installation
+
+# A file up to this size may be only the header that FFmpeg wrote. A larger MP4 that ends inside
+# the header of a fragment cannot be opened either, but its frames can be rescued.
+_HEADER_BYTES = 8192
+
+
+def count_frames(path: Path) -> int | None:
+    """
+    Count the complete frames of a video.
+
+    :param path: path of a readable video, which may be truncated anywhere.
+    :returns: number of frames; 0 if the file is only a header; None if the number is unknown.
+    :raises OSError: the file cannot be read.
+    """
+    if path.suffix.lower() not in VIDEO_FORMATS:
+        return None
+    try:
+        import av
+    except ImportError:
+        return None
+    count, is_read = 0, True
+    try:
+        with av.open(str(path)) as container:
+            for packet in container.demux(video=0):
+                count += bool(packet.size) and not packet.is_corrupt
+    except (av.error.InvalidDataError, EOFError, IndexError):
+        pass  # truncated; IndexError means that there is no stream
+    except av.error.FFmpegError as err:
+        is_read = err.errno == errno.EIO  # Matroska reports a truncated file by EIO
+    is_empty = is_read and path.stat().st_size <= _HEADER_BYTES
+    return count or (0 if is_empty else None)
+
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 

@@ -16,17 +16,82 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+import math
 
-from opencv_tools.robot.compare.elements import element_properties
 from opencv_tools.robot.compare.properties import (
-    axis_properties, geometry_properties, is_continuous, material_properties, Properties)
+    axis_properties, geometry_properties, is_continuous, material_properties, plain_uri,
+    Properties, Value)
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
+    Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
 from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
 from opencv_tools.robot.renaming import flat_name
+from opencv_tools.robot.sdf.values import pose_of
+from opencv_tools.robot.xml.document import DescriptionError, Element, local_name
+from opencv_tools.robot.xml.numbers import c_float
+
+_FLAGS = {'true': (1.0,), 'false': (0.0,)}
+
+
+def element_properties(extension: Extension) -> Properties:
+    """
+    Return all attributes and texts of the kept elements by path, with numbers as numbers.
+
+    A path such as ``sensor[camera]/update_rate`` has the names of elements, or their numbers where
+    several have one tag. An empty element is ``present``. The order of different tags, comments
+    and spaces do not matter. Paths of URDF begin with ``urdf:``.
+    """
+    properties: Properties = {}
+    for prefix, root in (('', extension.sdf), ('urdf:', extension.urdf)):
+        if root is not None:
+            properties.update((prefix + path.lstrip('/'), value) for path, value in _values(root))
+    return properties
+
+
+def _values(element: Element, path: str = '') -> Iterator[tuple[str, Value]]:
+    attributes = {str(name): str(value) for name, value in element.attrib.items()
+                  if not str(name).startswith('{')}
+    text = (element.text or '').strip()
+    children = list(element.iterchildren('*'))
+    if element.tag == 'pose' and (numbers := _pose(element)):
+        yield path, numbers
+        attributes = {name: attributes[name] for name in attributes if name == 'relative_to'}
+    elif text or not (children or element.attrib):
+        yield path, _value(text) if text else 'present'
+    for name, value in attributes.items():
+        yield f'{path}@{name}', _value(value)
+    by_tag: dict[str, list[Element]] = {}
+    for child in children:
+        by_tag.setdefault(local_name(child), []).append(child)
+    for tag, siblings in by_tag.items():
+        names = [flat_name(child.get('name', '')) for child in siblings]
+        if not all(names) or len(set(names)) < len(names):
+            names = [''] if len(siblings) == 1 else list(map(str, range(len(siblings))))
+        for name, child in zip(names, siblings):
+            yield from _values(child, f'{path}/{tag}[{name}]' if name else f'{path}/{tag}')
+
+
+def _pose(element: Element) -> tuple[float, ...]:
+    """Return a pose in metres and radians; empty for other texts, which plugins may have."""
+    try:
+        pose = pose_of(element)
+    except DescriptionError:
+        return ()
+    return *pose.xyz, *pose.rpy
+
+
+def _value(text: str) -> Value:
+    """Return the numbers of a text, of a flag 1 or 0, else the text as both formats write it."""
+    if flag := _FLAGS.get(text.lower()):
+        return flag
+    try:
+        numbers = tuple(map(c_float, text.split()))
+    except ValueError:
+        return plain_uri(flat_name(' '.join(text.split())))
+    return numbers if numbers and all(map(math.isfinite, numbers)) else text
+
 
 Key = tuple[str, str]  # element and name
 Poses = Mapping[FrameId, Transform]

@@ -22,14 +22,39 @@ import math
 import operator
 from pathlib import Path
 
+from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.kinematics import Kinematics
+from opencv_tools.robot.meshes import mesh_solid
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor
-from opencv_tools.robot.sdf.collision_solids import solid_of_collision
 from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, flag, number_of
-from opencv_tools.robot.solids import NoSolidError, Solid
+from opencv_tools.robot.solids import cone, ellipsoid, NoSolidError, Solid, solid_of
 from opencv_tools.robot.xml.document import DescriptionError, detached, Element
+from opencv_tools.robot.xml.numbers import vector
 from opencv_tools.robot.xml.report import Report
+
+
+def solid_of_collision(shape: Shape, folders: Sequence[Path]) -> Solid:
+    """
+    Return the solid of a collision.
+
+    :param folders: folders in which meshes are searched.
+    :raises NoSolidError: it is not known, or the shape has no volume.
+    """
+    geometry, find_sdf = shape.geometry, shape.extension.find_sdf
+    if isinstance(geometry, Mesh):
+        if find_sdf('geometry/mesh/submesh') is not None:
+            raise NoSolidError('it is a part of a mesh')
+        return mesh_solid(geometry, folders)
+    if geometry is not None:
+        return solid_of(geometry)
+    ellipse, peak = find_sdf('geometry/ellipsoid'), find_sdf('geometry/cone')
+    if ellipse is not None:
+        return ellipsoid(*vector(ellipse.findtext('radii', '1 1 1'), ellipse))
+    if peak is not None:
+        return cone(number_of(peak, 'radius', 0.5), number_of(peak, 'length', 1.0))
+    raise NoSolidError('it is no solid')
+
 
 _DENSITY = 1000.0  # of water in kg/m3, the default of SDF
 _ROUNDING = 1e-9  # relative, of numbers that were converted there and back

@@ -18,24 +18,142 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from graphlib import CycleError
 from pathlib import Path
 
-from opencv_tools.robot.kinematics import check_mimic_cycles, Kinematics
-from opencv_tools.robot.model import Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD
-from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.sdf.axis_reader import with_axes
+from lxml import etree
+from opencv_tools.robot.kinematics import check_mimic_cycles, cycle_text, Kinematics, resolve_chain
+from opencv_tools.robot.model import (
+    Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
+from opencv_tools.robot.pose import IDENTITY, Pose, Transform
 from opencv_tools.robot.sdf.context import model_contexts, ReadContext
 from opencv_tools.robot.sdf.includes import search_folders
 from opencv_tools.robot.sdf.inertia import auto_inertial
-from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint
+from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
 from opencv_tools.robot.sdf.link_reader import read_link
-from opencv_tools.robot.sdf.model_extension import model_extension, report_nested
-from opencv_tools.robot.sdf.model_poses import (
-    check_placements, pose_in_world, with_placement_frames, with_world)
+from opencv_tools.robot.sdf.names import FrameRegistry
+from opencv_tools.robot.sdf.scopes import Scope
+from opencv_tools.robot.sdf.values import flag, pose_element, pose_of
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.xml.document import (
-    DescriptionError, Element, line_of, local_name, required_name, source_of, TrackedElement)
+    DescriptionError, detached, Element, line_of, local_name, required_name, source_of,
+    TrackedElement)
+from opencv_tools.robot.xml.passthrough import extract_foreign
 from opencv_tools.robot.xml.report import Report
+
+
+def check_placements(robot: Robot, registry: FrameRegistry) -> None:
+    """Check that the placement of every frame leads to the model frame."""
+    bases = {frame: owner.placement.relative_to for frame, owner in robot.frame_owners()}
+    placed = {MODEL}
+    try:
+        for start in bases:
+            placed.update(resolve_chain(
+                start, lambda frame: None if frame in placed else bases[frame]))
+    except CycleError as err:
+        raise DescriptionError(f'placement cycle: {cycle_text(err)}',
+                               registry.elements.get(err.args[1][0])) from err
+
+
+def with_placement_frames(robot: Robot, scopes: Sequence[Scope], registry: FrameRegistry
+                          ) -> Robot:
+    """Place the nested models whose pose is that of a frame in them, innermost first."""
+    for scope in reversed(scopes[1:]):
+        if not scope.file.placement_frame:
+            continue
+        inverse = _placement_frame(robot, scope, registry).inverse()
+        robot = replace(robot, frames=tuple(
+            replace(frame, placement=Placement(
+                (frame.placement.pose.transform() @ inverse).pose(), frame.placement.relative_to))
+            if frame.name == scope.frame.name else frame for frame in robot.frames))
+    return robot
+
+
+def _placement_frame(robot: Robot, scope: Scope, registry: FrameRegistry) -> Transform:
+    """Return the pose of the ``placement_frame`` in the model frame."""
+    name = scope.file.placement_frame
+    if not name:
+        return IDENTITY
+    frame = registry.lookup(scope, name, scope.element, 'placement_frame')
+    return Kinematics(robot).between(scope.frame, frame).transform()
+
+
+def pose_in_world(robot: Robot, top: Scope, registry: FrameRegistry) -> Pose:
+    """Return the pose of the robot in the world; zero if relative to an object outside of it."""
+    pose = top.file.pose_holder.element.find('pose')
+    placed = _placement_frame(robot, top, registry)
+    if pose is not None and pose.get('relative_to'):
+        return Pose()
+    written = pose_of(pose)
+    return written if placed == IDENTITY else (written.transform() @ placed.inverse()).pose()
+
+
+def with_world(robot: Robot, pose_in_world: Pose) -> Robot:
+    """Place the world relative to the robot, if a joint needs it."""
+    *links, last = robot.links
+    if last.name != WORLD or pose_in_world.is_identity:
+        return robot
+    placement = Placement(pose_in_world.transform().inverse().pose(), MODEL)
+    return replace(robot, links=(*links, replace(last, placement=placement)))
+
+
+# Children of an <include> that are converted.
+_INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
+# Children of an <include> that replace those of the model.
+_OVERRIDES = ('pose', 'static')
+
+
+def report_nested(context: ReadContext) -> None:
+    """Report the elements that a nested model loses by becoming a part of the robot."""
+    file = context.scope.file
+    preserved = extract_foreign(file.element, 'urdf')
+    for holder in (file.element, *file.includes):
+        holder.take_all(*_INCLUDE)
+    for lost in (context.unread(file.element), preserved, *map(context.unread, file.includes)):
+        for child in () if lost is None else lost:
+            # <static>false</static> is the default.
+            if child.tag != 'static' or flag(child.text, child):
+                context.report.warn(local_name(child), file.name, line_of(child),
+                                    'omitted: it belongs to a nested model')
+
+
+def model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:
+    """Return the unread parts of the model, with the overrides of its includes."""
+    file = context.scope.file
+    urdf, unread = extract_foreign(file.element, 'urdf'), context.unread(file.element)
+    if unread is None:
+        unread = etree.Element('model')
+    for include in reversed(file.includes):
+        for child in include.element.iterchildren('*'):
+            tag = local_name(child)
+            if tag in _OVERRIDES:
+                _remove(unread, tag)
+            if tag in (*_OVERRIDES, 'plugin'):
+                unread.append(detached(child))
+            elif tag not in _INCLUDE:
+                context.report.warn(tag, file.name, line_of(child), 'omitted from the <include>')
+    _resolve_model_pose(unread, context, pose_in_world)
+    return Extension(urdf=urdf, sdf=unread if len(unread) or unread.attrib else None)
+
+
+def _resolve_model_pose(unread: Element, context: ReadContext, pose_in_world: Pose) -> None:
+    """Write the pose of the model without names, which may be different in the output."""
+    file = context.scope.file
+    for pose in unread.findall('pose'):
+        if name := pose.get('relative_to'):
+            context.report.warn('pose', file.name, line_of(file.pose_holder),
+                                f'omitted: it is relative to {name!r}, outside the model')
+            unread.remove(pose)
+    if frame := file.placement_frame:
+        _remove(unread, 'pose')
+        pose_element(unread, pose_in_world)
+        context.report.preserve('pose', file.name, line_of(file.element),
+                                f'placed {frame!r}; converted to the pose of the model frame')
+
+
+def _remove(element: Element, tag: str) -> None:
+    for child in element.findall(tag):
+        element.remove(child)
 
 
 def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str = '',

@@ -17,18 +17,111 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from lxml import etree
 from opencv_tools.robot.model import Extension, FrameId, MODEL
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.urdf.gazebo import extract_sdf, Extracted
+from opencv_tools.robot.sdf.fragments import fragment_flaw
+from opencv_tools.robot.sdf.values import GAZEBO, PRESERVING_TAGS
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
+from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
-from opencv_tools.robot.xml.document import Element, local_name, required_name, TrackedElement
-from opencv_tools.robot.xml.passthrough import extract_foreign
+from opencv_tools.robot.xml.document import (
+    detached, Element, line_of, local_name, required_name, TrackedElement)
+from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_TAG
 from opencv_tools.robot.xml.report import Report
+
+# Tags of which SDF needs nothing: the colour of the visual counts, and fixed joints remain.
+_WITHOUT_EFFECT = ('material', *PRESERVING_TAGS)
+_SDF_COLLISION = f'{SDF_TAG}collision'
+
+
+@dataclass(frozen=True)
+class Extracted:
+    """
+    The SDF of the ``<gazebo>`` blocks.
+
+    :param moved: elements that SDF has in the model, link or joint, by that.
+    :param values: values of settings, by the tag in `settings.Setting.owner` and its name.
+    :param remaining: the blocks with what remains in them.
+    """
+
+    moved: dict[FrameId, list[Element]] = field(default_factory=dict)
+    values: dict[tuple[str, str], Element] = field(default_factory=dict)
+    remaining: list[Element] = field(default_factory=list)
+
+    def with_settings(self, extension: Extension, owner: str, name: str) -> Extension:
+        """Return an extension with the settings of a link or joint, or those of its collisions."""
+        return with_values(extension, self.values.get((owner, name)))
+
+
+def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extracted:
+    """Extract the elements of SDF and the settings from the ``<gazebo>`` blocks."""
+    extracted = Extracted()
+    for block in root.take_all('gazebo'):
+        name = block.get('reference')
+        owners = [MODEL] if name is None else [
+            FrameId(kind, name) for kind, names in (('link', tree.links), ('joint', tree.joints))
+            if name in names]
+        if not owners:
+            report.warn('gazebo', name or '', line_of(block), f'reference={name!r} is not a link '
+                        'or joint of the robot; the element is preserved unchanged')
+        copy = detached(block.element)
+        copy.text = None
+        for element in list(copy.iterchildren(etree.Element)):
+            flaw = _extract(element, owners, root.get('name', ''), tree, extracted, report)
+            if flaw is None:
+                copy.remove(element)
+            elif flaw:
+                report.warn(local_name(element), name or '', line_of(element),
+                            f'{flaw}; the element is preserved unchanged')
+        if len(copy) or set(copy.attrib) - {'reference'} or not owners:
+            extracted.remaining.append(copy)
+    return extracted
+
+
+def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: LinkTree,
+             extracted: Extracted, report: Report) -> str | None:
+    """
+    Read an element of a block as a setting, or as an element that SDF has in the owner.
+
+    :param robot: name of the robot, for the report.
+    :returns: why the element stays in its block, empty if it belongs there; None if it does not.
+    """
+    tag = str(element.tag)
+    for owner in owners:
+        if tag in GAZEBO[owner.kind]:
+            flaw = fragment_flaw(element)
+            if not flaw:
+                extracted.moved.setdefault(owner, []).append(detached(element))
+                report.preserve(tag, owner.name or robot, line_of(element),
+                                f'moved from <gazebo> into the {owner.kind}')
+            return flaw or None
+        if setting := SETTING_OF.get((owner.kind, tag)):
+            if not _has_place(setting, owner.name, tree):
+                return ''  # it has no effect in Gazebo either
+            text = setting.converted(element.get('value') or element.text or '')
+            flaw = setting.flaw(text)
+            if not flaw:
+                key = setting.owner, owner.name
+                values = extracted.values.setdefault(key, etree.Element(key[0]))
+                if set_value(values, setting, text):
+                    report.warn(tag, owner.name, line_of(element),
+                                f'{text!r} replaces another value of an earlier <{tag}>')
+            return flaw or None
+    is_known = owners in ([], [MODEL]) or tag in _WITHOUT_EFFECT or tag.startswith('{')
+    return '' if is_known else 'has no effect in SDF'
+
+
+def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
+    """Return whether a link or joint has the element that a setting is about."""
+    if setting.owner == 'collision':
+        link = tree.links[name].element
+        return any(link.find(tag) is not None for tag in ('collision', _SDF_COLLISION))
+    return setting.fits(tree.joints[name].element.get('type', '') if (
+        setting.owner == 'joint') else '')
 
 
 @dataclass(frozen=True, kw_only=True)

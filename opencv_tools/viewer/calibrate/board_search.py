@@ -23,13 +23,92 @@ from functools import partial
 import time
 from typing import Any
 
-from opencv_tools.calibration.detection import BoardFinder
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.calibration.detection import BoardFinder, Detection, no_board
+from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
+from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.display import finite_limits
+from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image_codecs import convert_image
 from opencv_tools.units import NANO
-from opencv_tools.viewer.calibrate.searches import search, search_fast, ThoroughPace
 from opencv_tools.viewer.calibrate.session import Session, Sighting
 from opencv_tools.viewer.feed import NewFrame
+from opencv_tools.viewer.pixels import read_pixels
 from opencv_tools.viewer.stream import Stream
+
+# A thorough search that finds nothing is repeated after this time, and this multiple of its own.
+_THOROUGH_SECONDS, _THOROUGH_PART = 1.0, 3.0
+_MAX_PIXELS = 1 << 25  # of 8K video
+
+
+class ThoroughPace:
+    """The times of thorough searches, which find why there is no board."""
+
+    def __init__(self) -> None:
+        """Start with a search that is due."""
+        self._due = 0.0
+
+    def is_due(self, now: float) -> bool:
+        """Return whether an image may be searched, given the time in seconds."""
+        return now >= self._due
+
+    def ended(self, now: float, duration: float) -> None:
+        """Use the end and the duration of a search in seconds."""
+        self._due = now + max(_THOROUGH_SECONDS, _THOROUGH_PART * duration)
+
+
+def gray_image(message: WireMessage) -> NDArray[np.uint8]:
+    """
+    Return an image message as an (h, w) image.
+
+    :raises ImageError: the message is not a valid image, it is too large, or its encoding cannot
+        be shown.
+    :raises CvBridgeError: the same, of a raw image.
+    """
+    pixels = read_pixels(message)
+    image, encoding = pixels.image, pixels.encoding
+    if not 0 < image.shape[0] * image.shape[1] <= _MAX_PIXELS:
+        raise ImageError(f'an image of {image.shape[1]}x{image.shape[0]} is not searched for a '
+                         'board: make the images smaller')
+    image = pixels.numbers(image)
+    is_small = np.dtype(encoding.dtype) == np.uint8
+    if encoding.kind in ('bayer', 'yuv'):
+        color = find_encoding('bgr8' if is_small else 'bgr16')
+        image, encoding = convert_image(image, encoding, color), color
+    low, high = (0.0, 0.0) if is_small or encoding.channels > 1 else finite_limits(image)
+    return cvtColorForDisplay(image, encoding.name, 'mono8', False, low, high)
+
+
+def search_fast(
+    finder: BoardFinder, message: WireMessage,
+) -> tuple[NDArray[np.uint8], Detection]:
+    """
+    Return an image message as ``gray_image`` does, and the board in it by a fast search.
+
+    :raises ImageError: the image cannot be read.
+    """
+    try:
+        gray = gray_image(message)
+    except CvBridgeError as err:
+        raise ImageError(str(err)) from err
+    return gray, search(finder, gray, True)[0]
+
+
+def search(
+    finder: BoardFinder, gray: NDArray[np.uint8], is_fast: bool,
+) -> tuple[Detection, float]:
+    """Return the board in an image, or why there is none, and the duration in seconds."""
+    begin = time.monotonic()
+    try:
+        found = finder.find(gray, is_fast)
+    except (cv2.error, ArithmeticError, IndexError, np.linalg.LinAlgError, ValueError) as err:
+        found = no_board((gray.shape[1], gray.shape[0]),
+                         f'the search in this image has failed: {err}')
+    return found, time.monotonic() - begin
+
 
 _PERIOD = 1 / 15  # so that one session leaves time for others
 _WAIT_SECONDS = 1.0

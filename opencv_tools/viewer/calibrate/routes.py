@@ -17,17 +17,175 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
+import json
+from pathlib import Path
 import re
+import socket
+from tempfile import TemporaryDirectory
+import time
 from typing import Any
 
-from opencv_tools.viewer.calibrate.calibration_socket import CalibrationSocket, check_control
+from opencv_tools.calibration.board_pictures import board_pdf, board_svg
+from opencv_tools.calibration.boards import CalibrationError, FORMS, parse_board
+from opencv_tools.calibration.camera_file import write_camera
+from opencv_tools.calibration.check import stored_camera
+from opencv_tools.calibration.least_squares import MODELS
+from opencv_tools.calibration.solve import Calibration
 from opencv_tools.viewer.calibrate.camera_info import check_raw
-from opencv_tools.viewer.calibrate.files import board_file, camera_file
+from opencv_tools.viewer.calibrate.live import LiveCalibration
+from opencv_tools.viewer.calibrate.session import MAX_BOARD
 from opencv_tools.viewer.calibrate.sessions import Calibrations
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.page_files import CALIBRATE
-from opencv_tools.viewer.protocol import base_name, topic_of
-from opencv_tools.viewer.web import IndexHandler, Refusal, Site, SiteHandler
+from opencv_tools.viewer.protocol import base_name, parse_message, pong, topic_of
+from opencv_tools.viewer.web import IndexHandler, Refusal, Site, SiteHandler, SocketHandler
+from tornado.websocket import WebSocketClosedError
+
+_PER_SECOND, _MOST = 10.0, 100.0  # messages of a page
+
+
+class MessageBudget:
+    """Messages that a page may send: 100 at once, and 10 each second."""
+
+    def __init__(self) -> None:
+        """Begin with all that may be sent at once."""
+        self._left = _MOST
+        self._seconds = 0.0
+
+    def spend(self, seconds: float) -> bool:
+        """
+        Count a message.
+
+        :param seconds: time of the message, of a monotonic clock.
+        :returns: whether the page may send it.
+        """
+        earned = (seconds - self._seconds) * _PER_SECOND
+        self._left, self._seconds = min(_MOST, self._left + earned), seconds
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True
+
+
+class CalibrationSocket(SocketHandler):
+    """Send the state of a calibration to a page, and read what the page wants."""
+
+    most_bad_messages = 20
+
+    def initialize(self, site: Site) -> None:
+        """Store the site."""
+        super().initialize(site)
+        self._calibrations: Calibrations = self.settings['calibrations']
+        self._live: LiveCalibration | None = None
+        self._budget = MessageBudget()
+        self._unsent: dict[str, Any] = {}
+        self._writing: asyncio.Task[None] | None = None
+
+    async def prepare(self) -> None:
+        """Refuse a page without the token, and all pages without control."""
+        await super().prepare()
+        check_control(self.site)
+
+    async def open(self, *_args: str, **_options: str) -> None:  # noqa: A003
+        """Join the session of the topic, and send its state."""
+        self.set_nodelay(True)
+        try:
+            self.count()
+            name = topic_of(self.get_query_argument('topic', None))
+            live = await self._calibrations.join(name, self)
+        except RequestError as err:
+            self.try_again(err)
+            return
+        if self.ws_connection is None:  # the page was closed meanwhile
+            self._calibrations.leave(live, self)
+            return
+        self._live = live
+        self.show({'hello': {'host': socket.gethostname(), 'topic': name, 'models': [*MODELS],
+                             'boards': [*FORMS.values()]}})
+        self.show(live.state())
+
+    def on_close(self) -> None:
+        """Leave the session."""
+        super().on_close()
+        if self._live:
+            self._calibrations.leave(self._live, self)
+            self._live = None
+
+    def on_message(self, message: str | bytes) -> None:
+        """Do what the page wants, or send why it is not possible."""
+        try:
+            if not self._budget.spend(time.monotonic()):
+                raise RequestError('the page sends too many messages: wait a second')
+            wanted = parse_message(message)
+            if 'ping' in wanted:
+                self.show(pong(wanted['ping']))
+            elif self._live is None:
+                raise RequestError('the session has not begun: wait for its state')
+            else:
+                self._live.act(wanted)
+        except CalibrationError as err:
+            self.show({'error': str(err)})
+        except RequestError as err:
+            self.show({'error': str(err)})
+            self.add_bad_message()
+
+    def show(self, message: dict[str, Any]) -> None:
+        """Send a message; a later one of the same kind replaces it if the page is slow."""
+        kind = next(iter(message))
+        self._unsent.pop(kind, None)
+        self._unsent[kind] = message
+        if self._writing is None or self._writing.done():
+            self._writing = asyncio.ensure_future(self._write())
+
+    async def _write(self) -> None:
+        with suppress(WebSocketClosedError):  # on_close follows
+            while self._unsent:
+                await self.write_message(json.dumps(self._unsent.pop(next(iter(self._unsent)))))
+
+
+def check_control(site: Site) -> None:
+    """
+    Check that the node was started with control.
+
+    :raises Refusal: it was not.
+    """
+    if not site.hub.settings.control:
+        raise Refusal(RequestError(
+            'calibration needs control: start the node with control:=true', 403))
+
+
+_FORMATS = {'pdf': (board_pdf, 'application/pdf'), 'svg': (board_svg, 'image/svg+xml')}
+
+
+def board_file(text: str, kind: str) -> tuple[bytes, str]:
+    """
+    Return a board for a printer.
+
+    :param text: description of the board.
+    :param kind: ``pdf`` or ``svg``.
+    :returns: the content, and its type for HTTP.
+    :raises RequestError: there is no such board or format.
+    """
+    if kind not in _FORMATS:
+        raise RequestError(f'format is {kind!r:.20}: give ' + ' or '.join(_FORMATS))
+    draw, content_type = _FORMATS[kind]
+    try:
+        return draw(parse_board(text[:MAX_BOARD])), content_type
+    except CalibrationError as err:
+        raise RequestError(str(err)) from err
+
+
+def camera_file(calibration: Calibration, name: str) -> bytes:
+    """
+    Return the content of a calibration file.
+
+    :param name: name of the camera.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder, 'camera.yaml')
+        write_camera(path, stored_camera(calibration), name)
+        return path.read_bytes()
 
 
 def calibration_routes(site: Site) -> list[Any]:

@@ -17,19 +17,172 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
 import time
-from typing import Any
+from typing import Any, TypeVar
 
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.image.text import enumerated, MAX_PATH, printable
 from opencv_tools.logs import Log
-from opencv_tools.viewer.errors import RequestError
+from opencv_tools.nodes.bag_messages import bag_channel, frame_of, offers_of, type_of
+from opencv_tools.recording.disk_reserve import SinkWithReserve
+from opencv_tools.recording.errors import LimitReached, RecordingError
+from opencv_tools.recording.message_frame import MessageFrame
+from opencv_tools.recording.naming import check_folder
+from opencv_tools.recording.open_sink import open_bag_sink
+from opencv_tools.recording.recorder import Recorder
+from opencv_tools.regular_files import user_path
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.recording.bag_recording import BagRecording
-from opencv_tools.viewer.recording.disk_work import in_thread
-from opencv_tools.viewer.recording.folder import BagFolder
 from opencv_tools.viewer.recording.images import Topic
-from opencv_tools.viewer.recording.kept_frames import bag_frames, FramesOf, write_frames
 from rclpy.node import Node
+from rclpy.task import Future
+
+#: Returns the received messages of a topic that are in memory, oldest first.
+FramesOf = Callable[[str], Sequence[ReceivedMessage]]
+# Possible ends of the names of topics, by the types of their messages.
+_ENDS = {IMAGE: ('',), COMPRESSED_IMAGE: ('/compressed', '')}
+
+
+@dataclass(frozen=True)
+class SavedFrames:
+    """
+    What has become of the frames.
+
+    :param written: number of frames in the bag.
+    :param name: name of the bag; '' without one.
+    :param problem: why frames are missing, as a sentence; '' if none is.
+    """
+
+    written: int
+    name: str
+    problem: str
+
+
+def bag_frames(
+    node: Node, received: Mapping[str, Sequence[ReceivedMessage]],
+) -> list[MessageFrame]:
+    """
+    Return images for a bag, oldest first, in the executor.
+
+    :param received: messages by the name of the topic without the end of its transport.
+    """
+    channels: dict[tuple[str, str], Any] = {}
+    frames = []
+    for name, messages in received.items():
+        for one in messages:
+            type_name = type_of(one)
+            if type_name not in _ENDS:  # packets of video need those before them
+                continue
+            key = name, type_name
+            if key not in channels:
+                channels[key] = _channel(node, name, type_name)
+            frames.append(frame_of(one, channels[key]))
+    return sorted(frames, key=lambda frame: frame.receive_ns)
+
+
+def _channel(node: Node, name: str, type_name: str) -> Any:
+    """Return the topic of messages, which is the first one that has publishers of their type."""
+    offers = {end: offers_of(node, name + end, type_name) for end in _ENDS[type_name]}
+    end = next((end for end, found in offers.items() if found), _ENDS[type_name][0])
+    return bag_channel(name + end, type_name, offers[end])
+
+
+def write_frames(
+    sink: SinkWithReserve, frames: Sequence[MessageFrame], log: Log,
+) -> SavedFrames:
+    """Write frames to a bag; takes the time of the disk."""
+    recorder: Recorder[Any] = Recorder(sink, log, writers=1, block=True)
+    outcomes: list[Path | str] = []
+    for frame in frames:
+        recorder.put(frame, outcomes.append)
+    recorder.close()
+    paths = [outcome for outcome in outcomes if isinstance(outcome, Path)]
+    reasons = [outcome for outcome in outcomes if isinstance(outcome, str)]
+    missing = len(frames) - recorder.counts.written
+    reason = sink.refusal or [*reasons, sink.counts.reason][0]
+    return SavedFrames(
+        recorder.counts.written, paths[-1].name if paths else '',
+        f'{missing} of {len(frames)} frames were not written: {printable(reason)}'
+        if missing else '')
+
+
+class BagFolder:
+    """The folder that pages record in. A page chooses neither a path nor a name."""
+
+    def __init__(self, path: str) -> None:
+        """
+        Create the folder, and finish the bags of killed recordings.
+
+        :param path: value of the parameter ``record_dir``.
+        :raises RecordingError: the folder cannot be used.
+        """
+        try:
+            check_folder(path)
+            self.path = user_path(path).absolute()
+        except (FileNotFoundError, ValueError) as err:
+            reason = 'the working directory was removed' if isinstance(err, OSError) else err
+            raise RecordingError(
+                f'record_dir {printable(path, MAX_PATH)} cannot be used: {reason}; set it to an '
+                'absolute path') from err
+        self._open('check').close()
+
+    def open(self, ending: str = '') -> SinkWithReserve:  # noqa: A003
+        """
+        Create the sink of a bag, which is named by the local time and begins with the first frame.
+
+        :param ending: end of the name.
+        :raises RecordingError: the folder cannot be used, or the disk has too little space.
+        """
+        sink = self._open(time.strftime('%Y-%m-%d_%H-%M-%S') + ending)
+        try:
+            sink.check()
+        except LimitReached as err:
+            sink.close()
+            raise RecordingError(f'{err}: remove files from {self.path}') from err
+        return sink
+
+    def _open(self, name: str) -> SinkWithReserve:
+        try:
+            return SinkWithReserve(open_bag_sink(self.path, name), self.path)
+        except RecordingError as err:
+            # The sentences of the recorder name its own parameter.
+            raise RecordingError(str(err).replace('output_dir', 'record_dir')) from err
+
+
+_T = TypeVar('_T')
+
+
+async def in_thread(node: Node, log: Log, work: Callable[[], _T]) -> _T:
+    """
+    Return the result of work in a thread, in a coroutine of the executor.
+
+    :param node: node of the executor.
+    :raises RequestError: a folder cannot be used; the reason is logged as well.
+    """
+    future = Future(executor=node.executor)
+
+    def run() -> None:
+        try:
+            future.set_result(work())
+        except Exception as err:  # noqa: B902 (the coroutine raises it)
+            future.set_exception(err)
+        executor = node.executor
+        if executor:
+            executor.wake()
+
+    Thread(target=run, name='recording', daemon=True).start()
+    try:
+        result: _T = await future
+    except (OSError, RecordingError) as err:
+        log.error(printable(err, MAX_PATH))
+        raise RequestError(printable(err, MAX_MESSAGE)) from err
+    return result
+
 
 #: Maximum number of topics of a recording.
 MAX_RECORDED = 64

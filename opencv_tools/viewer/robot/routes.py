@@ -16,16 +16,117 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
+from contextlib import suppress
 import hashlib
+import json
 from typing import Any
 
 from opencv_tools.robot.view.single_file import INDEX, page_policy, read_page
+from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.page_files import PageFile
+from opencv_tools.viewer.protocol import parse_message, pong
 from opencv_tools.viewer.robot.live import LiveRobots
-from opencv_tools.viewer.robot.robot_socket import RobotSocket
-from opencv_tools.viewer.web import FileHandler, IndexHandler, Site, SiteHandler
+from opencv_tools.viewer.web import FileHandler, IndexHandler, Site, SiteHandler, SocketHandler
 from tornado.web import HTTPError
+from tornado.websocket import WebSocketClosedError
+
+_WINDOW = 3  # messages with positions that the page has not answered
+
+
+class RobotSocket(SocketHandler):
+    """Send the newest positions to a page, as fast as the page answers."""
+
+    def initialize(self, site: Site) -> None:
+        """Store the site."""
+        super().initialize(site)
+        self._robots: LiveRobots = self.settings['robots']
+        self._is_watching = False
+        self._unread = 0
+        self._state: dict[str, Any] = {}
+        self._moved: dict[int, list[float]] = {}
+        self._version = -1  # of the robot whose positions are waiting
+        self._is_writing = False
+
+    def open(self, *_args: str, **_options: str) -> None:  # noqa: A003
+        """Count the page; the robot follows when somebody sees it."""
+        self.set_nodelay(True)
+        try:
+            self.count()
+        except RequestError as err:
+            self.try_again(err)
+            return
+        self._post({'hello': {}})
+
+    def on_close(self) -> None:
+        """Leave the robot."""
+        self._watch(False)
+        super().on_close()
+
+    async def on_message(self, message: str | bytes) -> None:
+        """Use a message of the page; the next one is read when the answer was sent."""
+        try:
+            wanted = parse_message(message)
+            if 'got' in wanted:
+                self._unread = max(0, self._unread - 1)
+                self._flush()
+            elif 'ping' in wanted:
+                with suppress(WebSocketClosedError):
+                    await self.write_message(json.dumps(pong(wanted['ping'])))
+            elif 'watch' in wanted:
+                self._watch(wanted['watch'] is True)
+            else:
+                raise RequestError('the message has no known key, such as watch or got')
+        except RequestError as err:
+            self._post({'error': str(err)})
+            self.add_bad_message()
+
+    def _watch(self, is_watching: bool) -> None:
+        """Follow the robot, or leave it."""
+        if is_watching == self._is_watching:
+            return
+        self._is_watching = is_watching
+        self._state, self._moved, self._version = {}, {}, -1
+        if is_watching:
+            self._robots.join(self)
+        else:
+            self._robots.leave(self)
+
+    def show(self, state: dict[str, Any]) -> None:
+        """Send the state; a later one replaces it. Positions of another robot are forgotten."""
+        if state['version'] != self._version:
+            self._version, self._moved = state['version'], dict(self._robots.positions.values)
+        self._state = state
+        self._flush()
+
+    def move(self, positions: dict[int, list[float]]) -> None:
+        """Send positions of joints; later ones replace those of the same joint."""
+        self._moved.update(positions)
+        self._flush()
+
+    def _flush(self) -> None:
+        """Send what is waiting, unless the page has not read enough."""
+        if self._is_writing:
+            return
+        if self._state:
+            self._post({'state': self._state})
+            self._state = {}
+        elif self._moved and self._unread < _WINDOW:
+            self._unread += 1
+            self._post({'version': self._version, 'positions': [*self._moved.items()]})
+            self._moved = {}
+
+    def _post(self, message: dict[str, Any]) -> None:
+        self._is_writing = True
+        self._task = asyncio.ensure_future(self._write(message))
+
+    async def _write(self, message: dict[str, Any]) -> None:
+        with suppress(WebSocketClosedError):  # on_close follows
+            await self.write_message(json.dumps(message))
+            self._is_writing = False
+            self._flush()
+
 
 _FOLDER = 'robot/page/'
 _ROBOT = 'robot/'  # name of the page

@@ -23,8 +23,8 @@ from functools import partial
 
 from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError
+from opencv_tools.topics.errors import ROS_ERRORS
 from opencv_tools.topics.events import destroyable
-from opencv_tools.topics.ros_errors import ROS_ERRORS
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.viewer.errors import RequestError
 from rclpy.node import Node

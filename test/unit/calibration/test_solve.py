@@ -24,11 +24,11 @@ import pickle
 import cv2
 import numpy as np
 from opencv_tools.calibration.boards import CalibrationError, parse_board
-from opencv_tools.calibration.cells import cell_grid
 from opencv_tools.calibration.detection import BoardFinder, Detection
 from opencv_tools.calibration.least_squares import EQUIDISTANT, PLUMB_BOB, RATIONAL
 from opencv_tools.calibration.solve import Calibration, projection, solve
 from opencv_tools.calibration.verdict import judge
+from opencv_tools.calibration.views import cell_grid
 import pytest
 from rendered_boards import (
     Camera, facing, fisheye_camera, needs_markers, noisy_view, poses, small_camera)

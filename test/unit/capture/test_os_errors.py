@@ -21,7 +21,7 @@ from pathlib import Path
 
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.source import open_source
-from opencv_tools.capture.v4l2 import os_errors
+from opencv_tools.capture.v4l2 import camera
 import pytest
 
 
@@ -43,18 +43,18 @@ def test_only_devices_that_can_capture_are_listed(
         def close(self) -> None:
             events.append(f'close {self._name}')
 
-    monkeypatch.setattr(os_errors, 'VideoDevice', Device)
+    monkeypatch.setattr(camera, 'VideoDevice', Device)
     for name, content in {
             'video0': 'video capture', 'video1': 'metadata capture', 'video2': 'video output',
             'video3': str(errno.EACCES), 'video4': str(errno.EBUSY), 'video5': str(errno.ENOTTY),
             'video10': 'video capture', 'media0': 'video capture'}.items():
         (tmp_path / name).write_text(content)
     (tmp_path / 'video11').symlink_to('gone')
-    listed = [path.name for path in os_errors.list_cameras(tmp_path)]
+    listed = [path.name for path in camera.list_cameras(tmp_path)]
     assert listed == ['video0', 'video3', 'video4', 'video10']
     assert events == [f'{what} {name}' for name in ('video0', 'video1', 'video2', 'video10')
                       for what in ('open', 'close')]
-    assert [path.name for path in os_errors.list_cameras(tmp_path)] == listed
+    assert [path.name for path in camera.list_cameras(tmp_path)] == listed
     assert len(events) == 8  # an unchanged device is not opened again
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
-from opencv_tools.convert.source_frames import numbered_frames, received_frame
+from opencv_tools.convert.convert import numbered_frames, received_frame
 import pytest
 
 

@@ -28,8 +28,8 @@ from threading import Event
 from dataset_bags import Drive
 from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
 from opencv_tools.convert.cli import main
-from opencv_tools.datasets import lerobot_rows
-from opencv_tools.datasets.camera_video import Camera, Work, write_video
+from opencv_tools.datasets import bag_conversion
+from opencv_tools.datasets.bag_conversion import Camera, Work, write_video
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_here, find_jobs
 from opencv_tools.datasets.part import read_part
@@ -160,7 +160,7 @@ def test_videos_end_when_one_of_them_fails_or_the_command_ends(
         ended.append(True)
         raise DatasetError('it has ended')
 
-    monkeypatch.setattr(lerobot_rows, 'write_video', fail_or_wait)
+    monkeypatch.setattr(bag_conversion, 'write_video', fail_or_wait)
     assert convert(bag, tmp_path / 'set', *CAMERA, '--image', 'b=/cam0/image_raw/compressed',
                    '--jobs', 2) == 1
     assert ended == [True, True]

@@ -21,9 +21,8 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.bags.reading import BagMessage, BagTopic
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.numbers import MessageReader
 from opencv_tools.datasets.plan import NumbersSource
-from opencv_tools.datasets.samples import Samples
+from opencv_tools.datasets.samples import MessageReader, Samples
 import pytest
 
 KIND = 'sensor_msgs/msg/JointState'

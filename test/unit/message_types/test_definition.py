@@ -26,9 +26,8 @@ from hypothesis import example, given, settings, strategies
 from installed_messages import compiled_class, installed_texts, installed_type, SEPARATOR
 from opencv_tools.message_types import definition
 from opencv_tools.message_types.definition import (
-    Array, DefinitionError, Field, full_name, PLACEHOLDER, read_definition)
+    Array, DefinitionError, Field, full_name, PLACEHOLDER, PRIMITIVES, read_definition)
 from opencv_tools.message_types.description import type_hash
-from opencv_tools.message_types.primitives import PRIMITIVES
 from opencv_tools.transport.type_support import hash_of
 import pytest
 from rosidl_adapter import parser

@@ -21,7 +21,7 @@ from pathlib import Path
 import sys
 
 from conftest import NodeProcess
-from opencv_tools.nodes.exit_timer import exit_after
+from opencv_tools.nodes.run_node import exit_after
 from opencv_tools.transport.fastdds.shared_memory import remove_dead_segments
 import pytest
 

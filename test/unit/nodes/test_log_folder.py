@@ -23,7 +23,7 @@ from pathlib import Path
 import tempfile
 
 from conftest import NodeProcess
-from opencv_tools.nodes.log_folder import replace_log_folder
+from opencv_tools.nodes.run_node import replace_log_folder
 import pytest
 
 VARIABLES = ('ROS_LOG_DIR', 'ROS_HOME', 'HOME')

@@ -20,8 +20,7 @@ from pathlib import Path
 
 from console import Console
 from opencv_tools.bags.writing import BagChannel
-from opencv_tools.nodes.subscriber.message_batches import MessageBatches
-from opencv_tools.nodes.subscriber.recorded_topic import RecordedTopic
+from opencv_tools.nodes.subscriber.topic_recorder import MessageBatches, RecordedTopic
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.recorder import OnDone

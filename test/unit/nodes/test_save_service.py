@@ -22,7 +22,7 @@ from pathlib import Path
 
 from conftest import executor_of
 from opencv_tools.basic_image_subscriber import ImageSubscriber
-from opencv_tools.nodes.subscriber.save_service import SaveRequests
+from opencv_tools.nodes.subscriber.session import SaveRequests
 import pytest
 import rclpy
 from rclpy.client import Client
@@ -65,7 +65,7 @@ def call(executor: SingleThreadedExecutor, client: Client, requests: SaveRequest
 
 def test_simultaneous_calls(
         executor: SingleThreadedExecutor, node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.nodes.subscriber.save_service._TIMEOUT_SECONDS',
+    monkeypatch.setattr('opencv_tools.nodes.subscriber.session._TIMEOUT_SECONDS',
                         LONGEST_SECONDS)
     requests = SaveRequests(node)
     futures = call(executor, create_client(node), requests)
@@ -79,7 +79,7 @@ def test_simultaneous_calls(
 
 def test_waiting_calls_at_shutdown(
         tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('opencv_tools.nodes.subscriber.save_service._TIMEOUT_SECONDS',
+    monkeypatch.setattr('opencv_tools.nodes.subscriber.session._TIMEOUT_SECONDS',
                         LONGEST_SECONDS)
     rclpy.init(args=['--ros-args', '-p', 'mode:=on_request', '-p', f'output_dir:={tmp_path}'],
                domain_id=domain)

@@ -28,10 +28,9 @@ from opencv_tools.bags.reading import BagTopic
 from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
-from opencv_tools.nodes.publisher import pace, topic_player as module
-from opencv_tools.nodes.publisher.played_topics import (
-    differences, playback_qos, played_topics)
-from opencv_tools.nodes.publisher.topic_player import TopicPlayer
+from opencv_tools.nodes.publisher import topic_player as module
+from opencv_tools.nodes.publisher.topic_player import (
+    differences, playback_qos, played_topics, TopicPlayer)
 from played_bags import BEGAN_NS, Entry, image_entry, NANO, write_mcap
 import pytest
 from rclpy.node import Node
@@ -111,7 +110,7 @@ def test_messages_keep_their_place_among_frames(play: Play) -> None:
 
 def test_message_that_is_far_away(
         play: Play, console: Console, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pace, '_PATIENCE_SECONDS', 0.1)
+    monkeypatch.setattr(module, '_PATIENCE_SECONDS', 0.1)
     player = play()
     player.advance(recorded(0))
     wait_until(lambda: any('is due in' in line for line in console.lines), 'the line',

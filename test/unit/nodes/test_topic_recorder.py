@@ -24,7 +24,7 @@ from threading import Event
 from conftest import destroy, executor_of
 from console import Console
 from opencv_tools.message_types.definition import read_definition
-from opencv_tools.nodes.subscriber import left_out_topics, topic_recorder as module
+from opencv_tools.nodes.subscriber import topic_recorder as module
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
 from opencv_tools.recording.recorder import OnDone
@@ -326,7 +326,7 @@ def test_topics_beside_the_images_are_not_recorded_twice(record: Record, camera:
 def test_many_topics_that_are_not_recorded(
         record: Record, node: Node, camera: Node, other: Node,
         monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(left_out_topics, '_MAX_LOGGED', 2)
+    monkeypatch.setattr(module, '_MAX_LOGGED', 2)
     for number in range(4):
         camera.create_publisher(String, f'/mixed_{number}', 10)
         other.create_publisher(Empty, f'/mixed_{number}', 10)

@@ -27,8 +27,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS, orient, ROTATIONS, turned_axes
 from opencv_tools.nodes.publisher.calibration_file import (
     CameraInfoError, read_camera_info, write_camera_info)
-from opencv_tools.nodes.publisher.camera_info import Calibration
-from opencv_tools.nodes.publisher.turned_camera_info import turn_camera_info
+from opencv_tools.nodes.publisher.camera_info import Calibration, turn_camera_info
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header

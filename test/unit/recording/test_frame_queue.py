@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from threading import Thread
 
-from opencv_tools.recording.frame_queue import FrameQueue
+from opencv_tools.recording.recorder import FrameQueue
 from waiting import join
 
 

@@ -41,8 +41,8 @@ from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.container import VideoFile
-from opencv_tools.recording.video.packets import CopiedStream, prepare_packet
-from opencv_tools.recording.video.unfinished import count_frames
+from opencv_tools.recording.video.format import CopiedStream, prepare_packet
+from opencv_tools.recording.video.writer import count_frames
 from opencv_tools.video.messages import cdr_to_video, FFMPEG_PACKET
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets, read_extradata

@@ -21,7 +21,7 @@ from pathlib import Path
 import sys
 
 import cv2
-from opencv_tools.recording.video.unfinished import count_frames
+from opencv_tools.recording.video.writer import count_frames
 import pytest
 from videos import every_format, record, START_NS
 

@@ -30,8 +30,7 @@ from conftest import disk_of
 import numpy as np
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.video.frame import to_video_frame
-from opencv_tools.recording.video.unfinished import count_frames
-from opencv_tools.recording.video.writer import check_video, VideoWriter
+from opencv_tools.recording.video.writer import check_video, count_frames, VideoWriter
 import pytest
 from videos import (
     COLORS, decode, draw, every_format, numbers, play, read, record, START_NS, TOLERANCE_MS)

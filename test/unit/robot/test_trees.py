@@ -22,10 +22,9 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 from opencv_tools.robot.cli import robot_compare, sdf_to_urdf, urdf_to_sdf
-from opencv_tools.robot.convert import convert_to_sdf, SdfOptions
+from opencv_tools.robot.convert import convert_to_sdf, lump_fixed, SdfOptions
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.lumping import lump_fixed
 from opencv_tools.robot.model import FrameId, Inertial, Link, Robot
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.sdf.reader import read_sdf

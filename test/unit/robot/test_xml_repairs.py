@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.xml.repairs import repaired
+from opencv_tools.robot.xml.document import repaired
 import pytest
 
 

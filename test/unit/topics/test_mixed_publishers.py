@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Set
 
 from opencv_tools.logs import Log
-from opencv_tools.topics.mixed_publishers import MixedPublishers
+from opencv_tools.topics.subscription import MixedPublishers
 import pytest
 
 OLD, NEW, THIRD = b'old', b'new', b'third'

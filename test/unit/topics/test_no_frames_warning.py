@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from opencv_tools.logs import Log
-from opencv_tools.topics.no_frames_warning import NoFramesWarning
+from opencv_tools.topics.subscription import NoFramesWarning
 import pytest
 
 

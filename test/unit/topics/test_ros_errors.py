@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.topics.ros_errors import ros_reason
+from opencv_tools.topics.errors import ros_reason
 import pytest
 
 

@@ -26,8 +26,7 @@ from opencv_tools.topics import shared_source
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Position, Way
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
-from opencv_tools.topics.shared_frames import SharedFrames
-from opencv_tools.topics.shared_services import MAX_PUBLISHERS
+from opencv_tools.topics.shared_frames import MAX_PUBLISHERS, SharedFrames
 from opencv_tools.topics.shared_source import SharedSource
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX

@@ -31,7 +31,7 @@ from opencv_tools.image.cdr import (
 )
 from opencv_tools.image.errors import CdrError
 from opencv_tools.logs import Log
-from opencv_tools.topics import message_reader, no_frames_warning, order
+from opencv_tools.topics import message_reader, order, subscription as module
 from opencv_tools.topics import subscription as subscription_module
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
@@ -703,7 +703,7 @@ def test_warning_for_each_new_reason(
         node: Node, camera: Node, domain: int, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(no_frames_warning, '_MIN_SECONDS', 0.3)
+    monkeypatch.setattr(module, '_MIN_SECONDS', 0.3)
     console = ''
 
     def logged(text: str) -> bool:
@@ -736,7 +736,7 @@ def test_no_warning_after_a_latched_image(
         node: Node, camera: Node, received: Received,
         subscribe: Callable[..., FrameSubscription], monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(no_frames_warning, '_MIN_SECONDS', 0.3)
+    monkeypatch.setattr(module, '_MIN_SECONDS', 0.3)
     camera.create_publisher(Image, TOPIC, LATCHED).publish(image(7))
     subscription = subscribe()
     spin_until(node, lambda: received.numbers() == [7])

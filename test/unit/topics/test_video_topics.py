@@ -26,8 +26,8 @@ from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.errors import CdrError, KeyFrameNeeded
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import read_definition
+from opencv_tools.topics.frame_topics import VideoTopics
 from opencv_tools.topics.video_decoding import VideoDecoding
-from opencv_tools.topics.video_topics import VideoTopics
 from opencv_tools.video import stream
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import (

@@ -22,9 +22,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-from opencv_tools.viewer.calibrate.former import Former
 from opencv_tools.viewer.calibrate.session import Result
-from opencv_tools.viewer.calibrate.sessions import NodeCamera
+from opencv_tools.viewer.calibrate.sessions import Former, NodeCamera
 from opencv_tools.viewer.errors import NoAnswerError, RequestError
 from opencv_tools.viewer.graph import GraphState
 from opencv_tools.viewer.hub import Hub

@@ -30,7 +30,8 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
-from opencv_tools.viewer.calibrate.searches import gray_image, search, search_fast, ThoroughPace
+from opencv_tools.viewer.calibrate.board_search import (
+    gray_image, search, search_fast, ThoroughPace)
 import pytest
 from rendered_boards import needs_markers, poses, wide_camera
 

@@ -23,12 +23,11 @@ from typing import Any
 
 import numpy as np
 from opencv_tools.calibration.boards import CalibrationError, parse_board
-from opencv_tools.calibration.detection import BoardFinder, Detection, NO_BOARD, no_board
-from opencv_tools.calibration.markers import MIRRORED
+from opencv_tools.calibration.detection import BoardFinder, Detection, MIRRORED, NO_BOARD, no_board
 from opencv_tools.calibration.solve import solve
 from opencv_tools.calibration.verdict import judge
+from opencv_tools.viewer.calibrate.live import session_json, sighting_json
 from opencv_tools.viewer.calibrate.session import Result, Session
-from opencv_tools.viewer.calibrate.session_json import session_json, sighting_json
 import pytest
 from rendered_boards import needs_markers, poses, wide_camera
 

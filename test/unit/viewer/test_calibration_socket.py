@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.viewer.calibrate.calibration_socket import MessageBudget
+from opencv_tools.viewer.calibrate.routes import MessageBudget
 
 
 def test_limit_of_messages() -> None:

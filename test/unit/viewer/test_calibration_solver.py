@@ -25,7 +25,7 @@ from opencv_tools.calibration.camera_file import read_camera
 from opencv_tools.calibration.detection import BoardFinder, Detection
 from opencv_tools.calibration.least_squares import PLUMB_BOB
 from opencv_tools.calibration.solve import solve
-from opencv_tools.viewer.calibrate.files import camera_file
+from opencv_tools.viewer.calibrate.routes import camera_file
 from opencv_tools.viewer.calibrate.solver import Solver
 import pytest
 from rendered_boards import needs_markers, poses, wide_camera

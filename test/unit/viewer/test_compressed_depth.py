@@ -25,7 +25,7 @@ from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.viewer.compressed_depth import decode_compressed_depth
 from opencv_tools.viewer.encoding import encode_picture, PictureOptions
-from opencv_tools.viewer.pixel_values import describe_pixel, histogram, line_profile
+from opencv_tools.viewer.looks import describe_pixel, histogram, line_profile
 from opencv_tools.viewer.pixels import read_pixels
 from opencv_tools.viewer.region import Region
 import pytest

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from opencv_tools.image.errors import ImageError
-from opencv_tools.viewer.overlays.camera import camera_json, CameraOverlay, MAX_INFO_BYTES
+from opencv_tools.viewer.overlays.page_overlays import camera_json, CameraOverlay, MAX_INFO_BYTES
 from opencv_tools.viewer.overlays.sources import CameraSource
 from opencv_tools.viewer.overlays.topics import CALIBRATION
 import pytest

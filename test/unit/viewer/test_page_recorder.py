@@ -40,10 +40,9 @@ from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.recording import bag_recording as module
 from opencv_tools.viewer.recording.bag_recording import BagRecording
-from opencv_tools.viewer.recording.folder import BagFolder
 from opencv_tools.viewer.recording.images import Topic
-from opencv_tools.viewer.recording.kept_frames import bag_frames, write_frames
-from opencv_tools.viewer.recording.page_recorder import topics_of
+from opencv_tools.viewer.recording.page_recorder import (
+    bag_frames, BagFolder, topics_of, write_frames)
 import pytest
 from rclpy.node import Node
 

@@ -20,8 +20,8 @@ import json
 from typing import Any
 
 from opencv_tools.nodes.parameters import Parameter
+from opencv_tools.viewer.control import parameter_json, value_from_json
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.parameter_json import parameter_json, value_from_json
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
 import rclpy.parameter

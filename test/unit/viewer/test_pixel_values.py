@@ -25,8 +25,7 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image, encode_image
-from opencv_tools.viewer.pixel_values import (
-    BINS, describe_pixel, histogram, line_profile, MAX_SAMPLES)
+from opencv_tools.viewer.looks import BINS, describe_pixel, histogram, line_profile, MAX_SAMPLES
 from opencv_tools.viewer.pixels import Pixels, read_pixels
 from opencv_tools.viewer.region import Region
 import pytest

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from opencv_tools.units import NANO
-from opencv_tools.viewer.restarts import Restarts
+from opencv_tools.viewer.feed import Restarts
 import pytest
 
 TOPIC = '/front'

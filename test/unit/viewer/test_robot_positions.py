@@ -30,7 +30,7 @@ from opencv_tools.robot.view.untrusted import text_content
 from opencv_tools.robot.xml.document import parse
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.viewer.robot.joints import joints_of, LiveJoint
-from opencv_tools.viewer.robot.positions import Positions
+from opencv_tools.viewer.robot.live import Positions
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState

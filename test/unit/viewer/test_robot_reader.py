@@ -21,8 +21,8 @@ import json
 
 from live_robots import ROBOT
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.robot import descriptions, reader
-from opencv_tools.viewer.robot.descriptions import Descriptions
+from opencv_tools.viewer.robot import live, reader
+from opencv_tools.viewer.robot.live import Descriptions
 from opencv_tools.viewer.robot.reader import answer, LiveRobot, read_description
 from opencv_tools.viewer.robot.topics import DESCRIPTION, Inbox
 import pytest
@@ -71,8 +71,8 @@ def test_reading_after_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
             assert found._task is None
         assert found.version == 1
 
-    monkeypatch.setattr(descriptions, 'read_description', read)
-    monkeypatch.setattr(descriptions, '_READ_SECONDS', 0.0)
+    monkeypatch.setattr(live, 'read_description', read)
+    monkeypatch.setattr(live, '_READ_SECONDS', 0.0)
     asyncio.run(look())
 
 

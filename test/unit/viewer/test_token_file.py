@@ -22,7 +22,7 @@ import re
 import stat
 
 from opencv_tools.viewer.errors import ViewerError
-from opencv_tools.viewer.token_file import read_token
+from opencv_tools.viewer.server import read_token
 import pytest
 
 
