@@ -21,8 +21,10 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 import importlib.util
+import io
 from pathlib import Path
 import re
+import tokenize
 from types import ModuleType
 
 import pytest
@@ -33,6 +35,14 @@ SOURCES = {path.relative_to(ROOT).as_posix(): path.read_text()
 _GIVES = re.compile(
     r'add_waitable|add_\w+_parameters_callback|watch_parameters|receive_frames|start|start_thread|'
     r'create_(\w+_)?(guard_condition|service|subscription|timer)')
+#: Code lines that a room may have: a number grows only by what another room gave back.
+BUDGET = {
+    '': 1230, 'bags': 1130, 'calibration': 1760, 'capture': 2010, 'convert': 310,
+    'datasets': 2270, 'frames': 410, 'image': 1150, 'message_types': 370, 'nodes': 2530,
+    'recording': 2080, 'robot': 6330, 'topics': 1810, 'transport': 1160, 'video': 880,
+    'viewer': 5420}
+NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
+           tokenize.ENDMARKER)
 _LICENCE_END = 'limitations under the License.\n'
 
 
@@ -67,21 +77,34 @@ def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
         yield name, node
 
 
-def test_lines_by_folder(capsys: pytest.CaptureFixture[str]) -> None:
-    folders: Counter[str] = Counter()
-    for path, text in SOURCES.items():
+def code_lines(path: str) -> int:
+    """Return the number of lines without licence, docstrings, comments, imports and blank ones."""
+    tokens = tokenize.generate_tokens(io.StringIO(SOURCES[path]).readline)
+    lines = {number for token in tokens if token.type not in NO_CODE
+             for number in range(token.start[0], token.end[0] + 1)}
+    for node in ast.walk(_tree(path)):
+        body = getattr(node, 'body', None)
+        text = body[0] if isinstance(body, list) and body else None
+        is_text = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+        removed = node if isinstance(node, ast.Import | ast.ImportFrom) else (
+            text if is_text else None)
+        if removed is not None:
+            lines -= {*range(removed.lineno, (removed.end_lineno or 0) + 1)}
+    return len(lines)
+
+
+def test_code_lines_by_room() -> None:
+    rooms: Counter[str] = Counter()
+    for path in SOURCES:
         _, *folder, _ = path.split('/')
-        folders[folder[0] if folder else '(no folder)'] += text.count('\n')
-    with capsys.disabled():
-        print('\nlines of opencv_tools by folder:', ', '.join(
-            f'{name} {lines}' for name, lines in folders.most_common()),
-            f'; all {sum(folders.values())}')
-    assert set(folders) >= {'capture', 'image', 'recording', 'robot', 'topics', 'viewer'}
+        rooms[folder[0] if folder else ''] += code_lines(path)
+    assert {room: lines for room, lines in rooms.items() if lines > BUDGET.get(room, 0)} == {}
+    assert sum(BUDGET.values()) - sum(rooms.values()) < 300, 'take what a room gave back off'
 
 
-def test_modules_have_at_most_300_lines() -> None:
+def test_modules_have_at_most_500_lines() -> None:
     assert {path: text.count('\n') for path, text in SOURCES.items()
-            if text.count('\n') > 300} == {}
+            if text.count('\n') > 500} == {}
 
 
 def test_page_of_the_viewer_has_at_most_3000_lines() -> None:
@@ -120,11 +143,11 @@ def test_few_classes_have_more_than_12_methods() -> None:
     assert len(large) <= 8, large
 
 
-def test_few_modules_import_more_than_8_of_ours() -> None:
+def test_few_modules_import_more_than_10_of_ours() -> None:
     # A module of one noun has few imports, but one that composes many nouns needs each of them.
     graph = WRITE_IMPORTS.module_imports()
-    many = {name: len(others) for name, others in graph.items() if len(others) > 8}
-    assert len(many) <= 43, many
+    many = {name: len(others) for name, others in graph.items() if len(others) > 10}
+    assert len(many) <= 45, many
 
 
 def test_imports_have_no_circle() -> None:
