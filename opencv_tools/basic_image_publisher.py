@@ -44,7 +44,6 @@ class ImagePublisher(ClosableNode):
         """
         Start opening the source and publishing.
 
-        :param fastdds: result of the configuration of Fast DDS.
         :raises ParameterError: the value of a parameter is invalid.
         """
         super().__init__('image_publisher', automatically_declare_parameters_from_overrides=True)

@@ -96,8 +96,6 @@ class RawView:
 
     Points are columns and rows. The first pixel has its middle at 0, 0.
 
-    :param center: principal point of the raw images.
-    :param rectified_center: principal point of the rectified images.
     :param border: (n, 2) points around the part of the raw images that the rectified ones show,
         NaN for those that the camera model does not have; empty if both images are equal.
     """

@@ -73,7 +73,6 @@ class CvBridge:
     """
 
     def __init__(self) -> None:
-        """Create the tables of types that are public attributes in cv_bridge."""
         self.cvdepth_to_numpy_depth = dict(enumerate(DEPTHS.values()))
         self.numpy_type_to_cvtype = {
             **{dtype: depth for depth, dtype in DEPTHS.items()}, **DEPTHS}

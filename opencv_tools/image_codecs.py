@@ -140,7 +140,6 @@ def check_complete(jpeg: bytes) -> int:
     """
     Check that a JPEG is complete, as far as that is possible without decoding.
 
-    :param jpeg: content of the file.
     :returns: offset after the data of the last scan.
     :raises CodecError: the JPEG is incomplete or damaged.
     """
@@ -191,8 +190,6 @@ def convert_image(
     Convert an image between encodings, with OpenCV where OpenCV is faster.
 
     :param image: array as for ``opencv_tools.image.color.convert``, in native byte order.
-    :param source: encoding of the image.
-    :param target: encoding of the result.
     :param out: array with the shape and type of the result, to write it to; None for a new one.
     :returns: ``out`` or a new array, equal to that of ``opencv_tools.image.color.convert``.
     :raises ConversionError: the conversion is not supported.

@@ -35,7 +35,6 @@ class Throttle:
     """Limit how often something happens, by key; thread-safe. The 256 last used keys are kept."""
 
     def __init__(self) -> None:
-        """Allow the first action of each key."""
         self._lock = Lock()
         self._ends: dict[str, float] = {}  # of periods, the last used key at the end
 
@@ -43,7 +42,6 @@ class Throttle:
         """
         Return whether an action may happen now; if so, a new period begins.
 
-        :param key: name of the action.
         :param seconds: period in seconds; by default it ends only with ``forget``.
         """
         now = time.monotonic()

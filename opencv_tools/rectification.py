@@ -41,7 +41,6 @@ class Rectifier:
     """
 
     def __init__(self) -> None:
-        """Create a rectifier without maps."""
         self._lock = Lock()
         self._key: tuple[object, ...] = ()
         self._maps: Maps | None = None
@@ -59,7 +58,6 @@ class Rectifier:
 
         :param image: (h, w) or (h, w, c) array of any strides and byte order, which is not
             changed; separate chroma rows follow the luma rows.
-        :param encoding: encoding of the image.
         :param camera_info: sensor_msgs/CameraInfo of the image.
         :param lend: lends the array of the result; None for a new one.
         :returns: an array of the same height and width, and its encoding. The array is the image

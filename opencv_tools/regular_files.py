@@ -166,7 +166,6 @@ def replace_file(path: Path, content: bytes) -> None:
     Write a file atomically.
 
     :param path: path of the file; an existing regular file is replaced.
-    :param content: content of the file.
     :raises RefusedFileError: the path exists and is not a regular file, for example a link.
     :raises OSError: the file cannot be written.
     """
@@ -232,7 +231,6 @@ def write_buffer(file: BinaryIO, data: Any) -> None:
     Write a buffer to an unbuffered file, which may accept only a part of it at once.
 
     :param file: file that is open for writing.
-    :param data: buffer.
     :raises OSError: not all data can be written.
     """
     rest = memoryview(data).cast('B')

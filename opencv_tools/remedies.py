@@ -24,7 +24,6 @@ def installation(library: str, apt: str = '') -> str:
     Distributions refuse pip outside of virtual environments, so the sentence names the page that
     has the commands.
 
-    :param library: name of the library on PyPI.
     :param apt: package of Ubuntu with the library; '' if Ubuntu has none.
     :returns: end of a sentence.
     """

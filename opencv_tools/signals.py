@@ -78,7 +78,6 @@ def end_at_signals(
     A signal raises KeyboardInterrupt in the command. While a module is imported, it ends the
     process at once, because importlib and some modules discard exceptions.
 
-    :param command: returns the exit status.
     :param status: exit status after a signal; None for 128 plus the number of the signal.
     :param ignorable: as for ``handle_signals``.
     :returns: the exit status.

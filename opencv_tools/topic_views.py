@@ -62,7 +62,6 @@ class FramePairs:
     """Frames of each camera that wait for those of the others, at most 10 of each."""
 
     def __init__(self, cameras: int) -> None:
-        """Start without a frame."""
         self._waiting = [deque[Frame](maxlen=_WAITING) for _ in range(cameras)]
 
     @property

@@ -35,7 +35,6 @@ class CommandParser(argparse.ArgumentParser):
     """A command line with the option ``--version``, whose errors quote no password."""
 
     def __init__(self, **options: Any) -> None:
-        """Create the command line; options as for ``ArgumentParser``."""
         super().__init__(**options)
         self.add_argument('--version', action=_PrintVersion, nargs=0, dest=argparse.SUPPRESS,
                           help='show the version and exit')

@@ -30,8 +30,6 @@ def decompress(data: memoryview, compression: str, size: int) -> memoryview:
     """
     Return the content of compressed data.
 
-    :param data: the compressed data.
-    :param compression: name of the compression in MCAP files.
     :param size: claimed size of the content in bytes; no more memory is used.
     :raises BagError: the data are damaged, the content has another size, or a library is missing.
     """

@@ -49,10 +49,7 @@ class OpenChunk:
     """
     The chunk at the end of a file, to which messages are added.
 
-    :param offset: offset of the chunk in the file.
     :param size: size of its message records in bytes.
-    :param start_ns: earliest log time.
-    :param end_ns: latest log time.
     :param entries: log time and offset in the chunk of each message, by channel.
     """
 

@@ -79,13 +79,7 @@ def file_reader(file: int) -> Read:
 
 @dataclass(frozen=True)
 class Record:
-    """
-    A record of a file or of a chunk.
-
-    :param opcode: kind of the record.
-    :param begin: offset of its opcode.
-    :param end: offset behind its content.
-    """
+    """A record of a file or of a chunk."""
 
     opcode: int
     begin: int
@@ -119,7 +113,6 @@ class MessageHead(NamedTuple):
     """
     The fields of a message before its data.
 
-    :param channel: number of the channel.
     :param sequence: number of the message from its publisher.
     :param log_ns: time of reception in nanoseconds.
     :param publish_ns: time of publication in nanoseconds.

@@ -102,7 +102,6 @@ class BagFiles:
     """
     The files of a bag.
 
-    :param paths: paths of the files.
     :param are_ordered: whether ``metadata.yaml`` has this order; otherwise the names have it.
     :param warning: why the metadata are not used, or which files they do not name; '' for neither.
     """

@@ -43,7 +43,6 @@ class Texts:
     """
 
     def __init__(self) -> None:
-        """Begin without texts."""
         self._kept: dict[bytes, str] = {}
         self._bytes = 0
 
@@ -63,7 +62,6 @@ class BagTopic:
     """
     A topic of a bag.
 
-    :param name: name of the topic.
     :param type_name: type of the messages, such as ``sensor_msgs/msg/Image``.
     :param serialization: serialization of the messages, such as ``cdr``.
     :param definition: text of the type, with those that it contains; '' if the bag has none, or
@@ -89,7 +87,6 @@ class BagMessage:
     """
     A message of a bag.
 
-    :param topic: topic of the message.
     :param log_ns: time of the recording in nanoseconds.
     :param load: returns a buffer with the serialized message, while the bag is open; raises
         BagError or OSError if it cannot be read.

@@ -54,8 +54,6 @@ class BagChannel:
     """
     A topic in a bag.
 
-    :param topic: name of the topic.
-    :param type_name: type of its messages.
     :param qos: text of ``offered_qos_text``; '' if unknown.
     :param type_hash: hash of the type, such as ``RIHS01_...``; '' if unknown.
     :param definition: text of the type, with those that it contains; '' for that of
@@ -115,12 +113,7 @@ class BagWriter:
         return self._digest.hexdigest()
 
     def size_with(self, channel: BagChannel, data_bytes: int) -> int:
-        """
-        Return the largest size in bytes that the closed file has with another message.
-
-        :param channel: topic of the message.
-        :param data_bytes: size of its CDR.
-        """
+        """Return the largest size in bytes that the closed file has with another message."""
         missing = self._missing_records(channel)
         added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
         indexes = self._index.end_bytes + (self._chunk.index_bytes if self._chunk else 0)

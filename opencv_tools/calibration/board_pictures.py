@@ -90,7 +90,6 @@ def board_pixels(board: Board, scale: float, edge: float = _EDGE) -> NDArray[np.
     Draw a board as a picture.
 
     :param scale: pixels per millimetre; choose one that puts all edges between pixels.
-    :param edge: white around the board in millimetres.
     :returns: (h, w) uint8 array, 0 and 255.
     :raises ValueError: the picture is too large.
     """

@@ -61,7 +61,6 @@ class Board:
 
     :param kind: ``CHARUCO``, ``CHESSBOARD`` or ``APRILGRID``.
     :param columns: number of squares or tags in a row; of inner corners for a chessboard.
-    :param rows: number of rows.
     :param square: side of a square in metres; for an AprilGrid the gap, which is the side of the
         black squares in the gaps.
     :param marker: side of a marker or tag in metres; 0.0 for a chessboard.

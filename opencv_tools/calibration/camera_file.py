@@ -74,13 +74,11 @@ class StoredCamera:
     :param width: width of the images in pixels.
     :param height: height of the images in pixels.
     :param distortion_model: name of the model of ``d``.
-    :param d: distortion coefficients.
     :param k: camera matrix, 9 numbers in rows.
     :param r: rotation of the rectification, 9 numbers in rows.
     :param p: projection matrix of the rectified image, 12 numbers in rows.
     :param binning_x: pixels of the sensor in a pixel of the image.
     :param binning_y: the same for rows.
-    :param roi: region of interest.
     """
 
     width: int
@@ -111,7 +109,6 @@ def read_camera(
     """
     Read a calibration file of camera_calibration or camera_calibration_parsers.
 
-    :param path: path of the YAML file.
     :param warn: called with a sentence for each assumption about a missing value.
     :returns: the calibration.
     :raises CameraInfoError: the file cannot be read or has another format.
@@ -132,9 +129,7 @@ def write_camera(
 
     An existing file is replaced only if it is a calibration.
 
-    :param path: path of the YAML file.
     :param camera: calibration to write.
-    :param name: name of the camera.
     :param ros_home: folder below which missing folders are created; None for none.
     :raises CameraInfoError: the calibration is invalid, the existing file is not a calibration,
         or the file cannot be written.

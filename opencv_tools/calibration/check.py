@@ -62,7 +62,6 @@ def check_camera(camera: StoredCamera, views: Sequence[Detection]) -> Check:
     """
     Check a calibration.
 
-    :param camera: the calibration.
     :param views: boards in new images of the same size.
     :returns: the errors of the calibration.
     :raises CalibrationError: the views do not suit the calibration.

@@ -97,7 +97,6 @@ def calibrate_found(
     Calibrate one camera or two, print a report, and write the files if all are usable.
 
     :param found: views of each camera; those of two cameras are pairs.
-    :param name: name of the camera in the file.
     :param paths: files, one for each camera; empty for none.
     :returns: whether the calibration is usable.
     :raises CalibrationError: the views determine no calibration.
@@ -165,7 +164,6 @@ def calibrate(request: Request, search_topics: TopicSearch | None = None) -> int
     """
     Calibrate or check a camera, or write a board, and print a report.
 
-    :param request: what is done.
     :param search_topics: search of live topics; None if they are not supported.
     :returns: the exit status.
     :raises ValueError: an argument is invalid.

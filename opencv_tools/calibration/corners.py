@@ -191,7 +191,6 @@ def refine_corners(
     :param gray: (h, w) image.
     :param corners: (n, 2) estimates in pixels.
     :param places: (n, 2) places of these corners on the board in metres.
-    :param board: the board.
     :returns: corners in the same order.
     """
     around = fit_local_map(places, corners, places, board.pitch)

@@ -89,7 +89,6 @@ def read_images(source: FileSource, warn: Callable[[str], object]) -> Iterator[I
     """
     Yield the images of a source; those of a video at most 10 times a second.
 
-    :param source: open source. It is closed at the end.
     :param warn: called with a sentence for each image that cannot be read.
     :raises CaptureError: the source has failed.
     """

@@ -60,8 +60,6 @@ class StereoCalibration:
     :param baseline: distance of the cameras in metres.
     :param rms: error of all corners in pixels.
     :param pairs: number of pairs of views that were used.
-    :param left: rectification of the left camera.
-    :param right: rectification of the right camera.
     """
 
     rotation: Floats
@@ -80,7 +78,6 @@ def solve_stereo(
     Calibrate the pose of two cameras, whose lenses are calibrated.
 
     :param pairs: the same board at the same time in the left and the right image.
-    :param left: lens of the left camera.
     :param right: lens of the right camera, of the same model and size.
     :returns: pose and rectification.
     :raises CalibrationError: the pairs determine no pose or do not fit each other, or the cameras

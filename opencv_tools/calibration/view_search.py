@@ -106,7 +106,6 @@ class ViewSearch:
         """
         Start without a view.
 
-        :param board: the board.
         :raises CalibrationError: this OpenCV finds no board of this kind.
         """
         self.selection = ViewSelection()

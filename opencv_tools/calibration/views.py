@@ -85,7 +85,6 @@ class View:
 
     :param number: number of the view, which no other view gets.
     :param name: name of its image; '' if it has none.
-    :param detection: the board in the image.
     :param place: middle of the board in the image, each part from 0.0 to 1.0.
     :param extent: root of the part of the image that the board covers.
     :param tilt: sines of the tilts: the side that is nearer to the camera is the right one for
@@ -119,7 +118,6 @@ class ViewSelection:
         Start without a view.
 
         :param novelty: least difference from each view that was taken, see ``View.difference``.
-        :param most: largest number of views.
         """
         self.views: tuple[View, ...] = ()
         self._novelty, self._most = novelty, most
@@ -132,7 +130,6 @@ class ViewSelection:
 
         It may come from a fast search, before the image is searched again for ``take``.
 
-        :param detection: the board in an image.
         :param seconds: time of the image; None for an image that is not part of a sequence, which
             is not checked for motion.
         """
@@ -147,7 +144,6 @@ class ViewSelection:
         Take a view if it is usable and sharp.
 
         :param detection: the board in an image, not from a fast search.
-        :param name: name of the image.
         :param is_asked: whether the view may be like another one.
         :returns: '' if the view was taken, otherwise the reason in words.
         """

@@ -53,7 +53,6 @@ class AvStream:
         Wrap an open stream.
 
         :param container: container that PyAV has opened.
-        :param stream: its video stream.
         :raises VideoError: the header of the stream is damaged.
         """
         self._container, self._stream = container, stream

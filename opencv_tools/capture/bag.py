@@ -195,9 +195,6 @@ def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,
     """
     Read a message with an image or with video.
 
-    :param type_name: type of the message.
-    :param serialized: buffer of CDR.
-    :param video: decoder of the topic.
     :param number: number of the message from its publisher; 0 if unknown.
     :returns: the message, its image and its encoding as in ``CapturedFrame``; a view of the buffer
         unless video is decoded.

@@ -42,7 +42,6 @@ def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int],
     Yield pictures of a topic, decoded and converted to ``bgr8``.
 
     :param bag: the bag; it may be read by others at the same time.
-    :param topic: the topic.
     :param messages: increasing numbers of messages among those of the topic, from 0.
     :returns: an iterator over the picture of each message, or why it cannot be decoded. A picture
         is valid until the one after the next is decoded.

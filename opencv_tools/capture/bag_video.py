@@ -37,8 +37,6 @@ def read_compressed(type_name: str, serialized: Any) -> WireCompressedImage | Wi
     """
     Read a message with a compressed image or with video.
 
-    :param type_name: type of the message.
-    :param serialized: buffer of CDR.
     :returns: the message; video, too, if the format of a CompressedImage is a codec of video.
     :raises CdrError: the bytes are no message of this type.
     """
@@ -54,12 +52,7 @@ def read_compressed(type_name: str, serialized: Any) -> WireCompressedImage | Wi
 
 
 def can_begin(type_name: str, serialized: Any) -> bool:
-    """
-    Return whether a message can be decoded without those before it: all but video between keys.
-
-    :param type_name: type of the message.
-    :param serialized: buffer of CDR.
-    """
+    """Return whether a message needs none before it: all but video between keys."""
     if type_name == IMAGE:
         return True
     try:
@@ -74,11 +67,6 @@ class BagVideo:
     """Decode the packets of a topic. Skipped ones are decoded if a later one needs them."""
 
     def __init__(self, type_name: str) -> None:
-        """
-        Create a decoder without packets.
-
-        :param type_name: type of the messages of the topic.
-        """
         #: Whether the packets are decoded; otherwise they are frames with the encoding ``VIDEO``.
         self.decodes = True
         self._type_name = type_name

@@ -42,7 +42,6 @@ class Recorded:
     The metadata of a frame in a bag.
 
     :param message: the message as it was recorded.
-    :param topic: topic of the message.
     :param log_ns: time of the recording in nanoseconds.
     :param play: number of times that the bag was rewound before this frame.
     :param publish_ns: time of publication in nanoseconds; 0 if unknown.
@@ -105,7 +104,6 @@ def live_frame(picture: LivePicture, stamp_ns: int) -> CapturedFrame:
     """
     Return the frame of a packet of a camera or stream.
 
-    :param picture: the packet.
     :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC.
     """
     content = np.frombuffer(picture.packet.data, np.uint8)

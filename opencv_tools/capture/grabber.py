@@ -103,7 +103,6 @@ class Outage:
         """
         Report that the source is unavailable, and set the delay of the next attempt.
 
-        :param err: reason.
         :param longest: longest outage in seconds.
         :raises CaptureError: the outage lasts longer.
         """
@@ -146,7 +145,6 @@ class Grabber:
             source is unavailable.
         :param playback: playback settings; ``use`` replaces them.
         :param reconnect: policy for outages; ``use`` replaces it.
-        :param listener: receiver of the events of the source.
         :param demand: demand for frames; camera frames without a subscriber are not decoded.
         :param clock: clock that paces frames and measures outages.
         """

@@ -36,9 +36,7 @@ class LivePicture:
     """
     One picture of a camera or stream as a packet.
 
-    :param packet: the packet. A key frame has its parameter sets.
     :param number: number of the packet, from 1.
-    :param video: stream of the packet.
     """
 
     packet: VideoPacket

@@ -71,12 +71,6 @@ class OutputImage:
     """
 
     def __init__(self, frame: CapturedFrame, settings: OutputSettings) -> None:
-        """
-        Keep a frame; nothing is converted yet.
-
-        :param frame: the captured frame.
-        :param settings: how the frame is converted.
-        """
         #: The captured frame.
         self.frame = frame
         #: How the frame is converted.

@@ -78,7 +78,6 @@ class Pacer:
     """The due time of the next frame."""
 
     def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
-        """Create a pacer whose first frame is due now."""
         self._clock = clock
         self._due = self._last = 0.0  # due times of the next frame and of the last one
 
@@ -147,7 +146,6 @@ class Player:
         """
         Create a player; ``frames`` starts the playback.
 
-        :param source: source of the frames.
         :param playback: function that returns the current settings; called for each frame.
         :param stopped: event that another thread sets to end the playback.
         :param is_paused: function that returns whether playback is paused.

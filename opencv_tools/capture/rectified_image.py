@@ -42,7 +42,6 @@ class RectifiedImage(OutputImage):
 
         :param source: the image, as it is published.
         :param camera_info: returns the sensor_msgs/CameraInfo of the image.
-        :param rectifier: maps of the camera.
         """
         super().__init__(_NO_FRAME, OutputSettings(jpeg_quality=source.settings.jpeg_quality))
         self._source = source

@@ -102,12 +102,6 @@ class StreamSource:
     live: Literal[True] = True
 
     def __init__(self, url: str, stream: OpenStream) -> None:
-        """
-        Start the thread that reads an open stream.
-
-        :param url: URL of the stream.
-        :param stream: the open stream.
-        """
         self.name = without_password(url)
         self.rate, self.description = stream.rate, stream.description
         self.needs_every = stream.needs_every

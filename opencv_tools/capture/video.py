@@ -165,7 +165,6 @@ def describe_failure(url: str) -> str:
 
     Connects to the server of the stream once, to find out whether the server is reachable.
 
-    :param url: URL of the stream.
     :returns: a sentence with the host, the port and the reason, as far as they are known; without
         the password of the URL.
     """

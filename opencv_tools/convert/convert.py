@@ -76,7 +76,6 @@ def numbered_frames(
     """
     Yield frames with their numbers; the other frames are not decoded.
 
-    :param source: open source.
     :param first: number of the first frame, from 0.
     :param stop: number of the first frame not to yield; 0 for the end of the source.
     :param every: yield the first of every n frames.
@@ -123,7 +122,6 @@ def received_frame(
     """
     Return a frame for a recorder.
 
-    :param frame: frame of a source.
     :param number: number of the frame, from 0.
     :param rate: frame rate of the source in Hz; 0.0 if it has none.
     :param for_bag: whether a frame of a bag is returned as its message.
@@ -199,7 +197,6 @@ class Request:
     Arguments of a conversion.
 
     :param source: source of the frames, as for ``open_source``, but not a camera.
-    :param target: folder and template of the file names.
     :param topic: topic of the images of a bag; '' for the only one.
     :param every: convert the first of every n frames.
     :param start: number of the first frame, from 0.

@@ -72,7 +72,6 @@ class Work:
     """
     What the videos of a bag have in common.
 
-    :param plan: plan of the conversion.
     :param recording: samples of the bag, which several threads may read at the same time.
     :param episodes: rows of each episode.
     :param folder: folder of the videos, which have the names of the cameras.
@@ -92,7 +91,6 @@ def write_video(work: Work, name: str) -> Camera:
     """
     Write the video of a camera, with all episodes one after the other.
 
-    :param name: name of the camera.
     :raises DatasetError: a picture cannot be used.
     :raises OSError: the file cannot be written.
     """
@@ -190,10 +188,8 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1)
     """
     Convert a bag to a part.
 
-    :param path: path of the bag.
     :param plan: plan with the names of all numbers.
     :param folder: folder of the part, which does not exist; it is complete when it appears.
-    :param name: name of the bag in the data set.
     :param threads: threads for decoding and encoding.
     :raises DatasetError: the bag cannot be converted by the plan.
     :raises OSError: a file cannot be read or written.

@@ -62,7 +62,6 @@ def main(argv: Sequence[str]) -> int:
     """
     Convert bags to a data set for training, or check or merge one.
 
-    :param argv: arguments.
     :returns: 0 on success, 1 if a bag or a set has errors or after an interrupt, 2 for invalid
         arguments.
     """

@@ -50,7 +50,6 @@ def locked_parts(target: Path) -> Iterator[Path]:
     """
     Lock a set, and remove what commands have left behind that were killed.
 
-    :param target: folder of the set.
     :returns: folder of its parts, for the context. It is removed at the end if it has no parts.
     :raises DatasetError: another command writes the set.
     :raises OSError: the folder cannot be written.

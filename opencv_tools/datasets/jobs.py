@@ -45,7 +45,6 @@ class Job:
     """
     A bag, and the part that it becomes.
 
-    :param path: path of the bag.
     :param name: name of the bag in the set: its path below the folder or pattern.
     :param folder: folder of its part.
     """

@@ -39,7 +39,6 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
     Yield the picture of each row.
 
     :param recording: samples of the bag, which others may read at the same time.
-    :param name: name of the camera.
     :param episodes: rows of each episode.
     :returns: an iterator over the number of the sample that is shown and its picture, whose
         ``image`` is (h, w, 3) BGR. A picture that cannot be decoded is replaced by the one before.

@@ -46,7 +46,6 @@ class NumbersSource:
     """
     Numbers in the messages of a topic.
 
-    :param topic: name of the topic.
     :param path: names of the fields from the message to the numbers; a number selects an element.
     :param names: names of the numbers, in the order of the feature; empty until a bag is known.
     """
@@ -87,7 +86,6 @@ class Plan:
     :param images: name of each camera, and its topic.
     :param vectors: name of each feature of numbers, and the sources that follow each other in it.
     :param next_action: whether the action is the state of the next row.
-    :param task: text of the task.
     :param image_choice: which image belongs to a row: 'last' before it, or 'nearest'.
     :param vector_choice: which numbers belong to a row: 'last' before it, or 'linear' between two.
     :param clock: 'stamp' for the stamps of the headers, 'log' for the times of the recording.

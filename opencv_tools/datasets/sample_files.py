@@ -52,7 +52,6 @@ def write_samples(plan: Plan, recording: Recording, episodes: Sequence[Rows],
 
     :param episodes: all rows; with ``next_action`` the last one of each is left out.
     :param folder: folder of the part.
-    :param name: name of the bag in the set.
     :returns: what part.json says of the samples, and the rows with the pictures that they have.
     :raises DatasetError: a picture or a number cannot be used.
     :raises OSError: the file cannot be written.
@@ -143,7 +142,6 @@ def gather_samples(parts: Sequence[Path], described: Sequence[dict[str, Any]], f
 
     :param parts: folders of the parts.
     :param described: what their part.json says.
-    :param folder: folder of the set.
     :raises OSError: a file cannot be written.
     """
     for part, content in zip(parts, described):

@@ -179,7 +179,6 @@ class Samples:
     """
     Messages of a topic that are read one after the other.
 
-    :param topic: the topic.
     :param source: numbers of the messages; None for images.
     :param reader: reader of the messages; None for images.
     :param logs: time of the recording of each message, in nanoseconds.
@@ -189,7 +188,6 @@ class Samples:
     :param events: values that begin or end episodes; None if the numbers are used.
     :param can_begin: returns whether a message can be decoded without those before it.
     :param left_out: number of messages before the first one that can.
-    :param count: number of messages so far.
     :param damaged: number of those that cannot be read.
     """
 
@@ -241,7 +239,6 @@ class Samples:
         Return the times of all messages in nanoseconds.
 
         :param clock: 'stamp' or 'log'.
-        :param name: name of the messages in an error.
         :raises DatasetError: there is none, or the stamps cannot be used.
         """
         logs, stamps = integers(self.logs), integers(self.stamps)

@@ -36,7 +36,6 @@ def write_shard(folder: Path, shard: tuple[int, int], plan: str, bags: Sequence[
     Write the names of the bags of a shard to its folder.
 
     :param shard: number of the shard, from 1, and number of all shards.
-    :param plan: digest of the plan.
     :raises DatasetError: the folder has other files.
     :raises OSError: the file cannot be written.
     """
@@ -55,7 +54,6 @@ def find_parts(folders: Sequence[Path], skip_failed: bool) -> tuple[list[Path], 
     """
     Find the parts of the bags that shards have.
 
-    :param folders: folders of the shards.
     :param skip_failed: whether bags may be missing.
     :returns: folders of the parts, in the natural order of their bags, and sentences about bags
         that are left out.

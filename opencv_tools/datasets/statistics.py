@@ -62,7 +62,6 @@ class ImageStatistics:
     """Statistics of the images of an episode, by a count of the levels of each channel."""
 
     def __init__(self) -> None:
-        """Begin without images."""
         self._counts = np.zeros((3, _LEVELS))
         self._images = 0
 

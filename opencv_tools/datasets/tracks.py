@@ -42,12 +42,10 @@ class Track:
     """
     The samples of a topic.
 
-    :param topic: the topic.
     :param times: (n,) increasing times in nanoseconds.
     :param messages: (n,) number of the message of each sample among all of the topic, from 0.
     :param values: (n, d) numbers of each sample; (n, 0) for images.
     :param late: number of samples that are left out, because an earlier one has a later time.
-    :param offset_ns: median of the time of the recording minus the time of the sample.
     """
 
     topic: BagTopic
@@ -63,11 +61,9 @@ class Recording:
     """
     What a plan needs of a bag, without the pixels of its images.
 
-    :param bag: the bag.
     :param tracks: samples by name: the name of a camera, or the text of a source of numbers.
     :param events: time in nanoseconds and value of the messages that begin and end episodes.
     :param start_ns: time of the first message of the bag, by the clock of the samples.
-    :param warnings: sentences about the bag.
     """
 
     bag: Bag
@@ -150,7 +146,6 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     """
     Read the times and numbers of a bag.
 
-    :param bag: the bag.
     :param plan: plan with the names of all numbers.
     :raises DatasetError: a topic, a field or a name is missing, or the times cannot be used.
     """

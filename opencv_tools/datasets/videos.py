@@ -50,7 +50,6 @@ class VideoFileWriter:
 
         :param fps: frames of a second.
         :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest).
-        :param threads: threads of the encoder.
         :raises DatasetError: PyAV or its encoder is missing.
         """
         try:

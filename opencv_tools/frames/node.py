@@ -47,7 +47,6 @@ class FrameNode(ClosableNode):
         """
         Create the node.
 
-        :param node_name: name of the node.
         :param options: other arguments of ``rclpy.node.Node``.
         """
         super().__init__(node_name, **options)
@@ -138,7 +137,6 @@ def run_filter(
     :param source: topic of the images before remapping.
     :param target: topic of the results before remapping.
     :param encoding: encoding of the arrays; '' for that of the messages.
-    :param name: name of the node.
     :param args: command line, program name first; None for that of the process.
     :returns: the exit status, see `main`.
     """

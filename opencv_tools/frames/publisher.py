@@ -58,7 +58,6 @@ class FramePublisher:
         """
         Create the publishers.
 
-        :param node: node of the publishers.
         :param topic: name of the topic of the raw images; JPEG images are on
             ``<topic>/compressed``.
         :param quality: quality of JPEG, 1 to 100.
@@ -123,7 +122,6 @@ class FramePublisher:
 
         :param height: height in pixels.
         :param width: width in pixels.
-        :param encoding: encoding of the image.
         :param source: as for ``publish``; the block may set it, too.
         :returns: the frame, for one ``with`` block; several blocks may be open at once.
         :raises EncodingError: the encoding is unknown.

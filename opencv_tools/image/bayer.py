@@ -136,9 +136,7 @@ class _Pixels:
     :param present: the colour other than green in the rows of the pixels.
     :param missing: the colour that is missing in the rows of the pixels.
     :param own: values of the pixels.
-    :param across: sums of the left and right neighbours.
     :param vertical: sums of the upper and lower neighbours.
-    :param diagonal: sums of the four diagonal neighbours.
     """
 
     site: str

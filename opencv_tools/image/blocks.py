@@ -31,7 +31,6 @@ def row_blocks(height: int, width: int) -> Iterator[slice]:
     """
     Divide an image into blocks of whole rows.
 
-    :param height: number of rows.
     :param width: number of pixels in a row.
     :returns: slices of rows, from top to bottom.
     """

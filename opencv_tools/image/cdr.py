@@ -53,7 +53,6 @@ class WireHeader:
 
     :param sec: seconds of the stamp.
     :param nanosec: nanoseconds of the stamp.
-    :param frame_id: coordinate frame of the data.
     """
 
     sec: int
@@ -75,7 +74,6 @@ class WireImage:
     """
     A sensor_msgs/Image as plain values, which CvBridge accepts instead of the message.
 
-    :param header: stamp and coordinate frame.
     :param height: height in pixels.
     :param width: width in pixels.
     :param encoding: name of the encoding of the pixels.
@@ -114,7 +112,6 @@ class WireCompressedImage:
     """
     A sensor_msgs/CompressedImage as plain values, which CvBridge accepts instead of the message.
 
-    :param header: stamp and coordinate frame.
     :param format: format string, such as ``'jpeg'``.
     :param data: buffer of bytes.
     """
@@ -199,7 +196,6 @@ def encode_text(text: str) -> bytes:
     """
     Convert a string of a message to UTF-8.
 
-    :param text: the string.
     :returns: UTF-8 without the final NUL.
     :raises CdrError: the string contains a NUL or a lone surrogate.
     """

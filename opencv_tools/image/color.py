@@ -303,8 +303,6 @@ def convert(
 
     :param image: (h, w) or (h, w, c) array of any byte order and strides, which is not changed;
         (rows, w) for encodings with chroma in separate rows, which follow the luma rows.
-    :param source: encoding of the image.
-    :param target: encoding of the result.
     :returns: a new contiguous array in native byte order: (h, w) for one channel, (h, w, c)
         otherwise.
     :raises ConversionError: the conversion is not supported; the texts are those of cv_bridge.
@@ -334,7 +332,6 @@ def convert_to(image: NDArray[Any], source: Encoding, desired: str) -> NDArray[A
     Convert an image to an encoding given by name, as cv_bridge does.
 
     :param image: as for ``convert``.
-    :param source: encoding of the image.
     :param desired: as for ``encodings_between``.
     :returns: as from ``convert``.
     :raises EncodingError: as from ``encodings_between``.

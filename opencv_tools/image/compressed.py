@@ -66,7 +66,6 @@ def decoded_encoding(image: NDArray[Any], format_text: str) -> Encoding:
     Return the encoding of a decoded image.
 
     :param image: (h, w) or (h, w, c) array, as OpenCV decodes it.
-    :param format_text: format string of the message.
     :returns: the encoding in the format string if it fits the array; otherwise gray, BGR or BGRA.
     :raises EncodingError: OpenCV has no type like that of the array.
     """

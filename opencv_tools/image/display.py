@@ -63,7 +63,6 @@ def to_display_image(
     - All others: converted as by ``convert``.
 
     :param image: (h, w) or (h, w, c) array of any byte order, which is not changed.
-    :param source: encoding of the image.
     :param target_name: name of the encoding of the result: 8-bit colours or ``'mono8'``; ``''``
         for ``'bgr8'``.
     :param limits: the numbers that become black and white; all pixels become 128 if both are

@@ -165,7 +165,6 @@ def encodings_between(source: Encoding, desired: str) -> tuple[Encoding, Encodin
     """
     Return the source and the target of a conversion to an encoding given by name.
 
-    :param source: encoding of the image.
     :param desired: name of the encoding of the result; ``''`` or the name of ``source`` for a
         copy.
     :returns: encodings before and after the conversion.
@@ -208,7 +207,6 @@ def declared_encoding(image: NDArray[Any], name: str) -> Encoding:
 
     :param image: (h, w) or (h, w, c) array of any byte order; separate chroma rows follow the
         luma rows.
-    :param name: name of the encoding.
     :returns: the encoding.
     :raises EncodingError: the name is unknown, or the type or shape of the array does not fit.
     """

@@ -33,11 +33,7 @@ _TURNS = {1: (False, 1, 1), 2: (False, 1, -1), 3: (False, -1, -1), 4: (False, -1
 
 
 def jpeg_orientation(jpeg: bytes) -> int:
-    """
-    Return the Exif orientation of a JPEG, 1 to 8; 1 if it has none.
-
-    :param jpeg: content of the file.
-    """
+    """Return the Exif orientation of a JPEG, 1 to 8; 1 if it has none."""
     data = jpeg_segment(jpeg, _APP1, _NAME)
     order = _BYTE_ORDERS.get(data[:4])
     if order is None:

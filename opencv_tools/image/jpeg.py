@@ -88,7 +88,6 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int]:
     """
     Read the width and height of a JPEG.
 
-    :param jpeg: content of the file.
     :returns: width and height in pixels.
     :raises JpegError: the JPEG has no valid frame header.
     """
@@ -100,7 +99,6 @@ def jpeg_components(jpeg: bytes) -> int:
     """
     Read the number of components of a JPEG: 1 for gray, 3 for colours.
 
-    :param jpeg: content of the file.
     :raises JpegError: the JPEG has no valid frame header.
     """
     return len(_find_frame(jpeg).sampling)
@@ -141,7 +139,6 @@ def check_jpeg(jpeg: bytes) -> int:
     The segments are read, and the bits of each scan are counted. A scan is truncated when it has
     fewer bits than its blocks need with the shortest codes of their Huffman tables.
 
-    :param jpeg: content of the file.
     :returns: offset after the data of the last scan.
     :raises JpegError: a header, a scan or the end is missing, or a scan is too short.
     """
@@ -172,7 +169,6 @@ def with_extra_data(jpeg: bytes, scan_end: int) -> bytes:
     A decoder ignores these data if the last scan is complete. Otherwise it decodes them to
     pixels. The two JPEGs then differ when decoded, which shows that the first one is truncated.
 
-    :param jpeg: content of the file.
     :param scan_end: return value of ``check_jpeg`` for this JPEG.
     """
     complete, rest = jpeg[:scan_end], jpeg[scan_end:]
@@ -217,7 +213,6 @@ def _read_data(jpeg: bytes, start: int) -> _Data:
     """
     Return where the data of a scan end, and their size.
 
-    :param start: offset of the data.
     :raises JpegError: no marker follows the data.
     """
     data = np.frombuffer(jpeg, np.uint8)

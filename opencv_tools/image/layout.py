@@ -101,7 +101,6 @@ def array_to_wire(
     :param image: (h, w) or (h, w, c) array of any strides and byte order; copied only if it is
         not contiguous. Separate chroma rows (``nv12``) follow the luma rows.
     :param encoding: encoding of the array, as ``declared_encoding`` returns it.
-    :param header: header of the message.
     :returns: the message, without padding at the end of rows; its data are a view of the array.
     """
     rows, width = image.shape[:2]

@@ -35,7 +35,6 @@ def orient(
     Mirror an image, then rotate it.
 
     :param image: (h, w) or (h, w, c) array, which is not changed.
-    :param encoding: encoding of the image.
     :param flip: one of ``FLIPS``; ``'horizontal'`` swaps left and right.
     :param degrees: clockwise rotation in degrees, one of ``ROTATIONS``.
     :returns: a view of the image, (w, h) or (w, h, c) for 90 and 270 degrees, and its encoding;

@@ -58,8 +58,6 @@ def why_not_stored(encoding: Encoding, shape: Sequence[int], suffix: str) -> str
     """
     Return why a format cannot store an image; '' if it can.
 
-    :param encoding: generic encoding of the image.
-    :param shape: shape of the image.
     :param suffix: one of ``CODEC_TYPES``.
     """
     if encoding.name not in CODEC_TYPES[suffix]:

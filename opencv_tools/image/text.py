@@ -43,7 +43,6 @@ def printable(text: object, longest: int = _MAX_TEXT) -> str:
     """
     Return a text in which a console cannot interpret control characters.
 
-    :param text: text of unknown origin.
     :param longest: largest number of characters of the result; a longer text ends in ``...``.
     :returns: the text, with line ends, control characters, characters that change the writing
         direction and lone surrogates escaped as by ``repr``.
@@ -60,7 +59,6 @@ def enumerated(texts: Sequence[str], most: int = 5, further: int = 0) -> str:
     """
     Return a list of the first few texts, and the number of the others.
 
-    :param texts: printable texts.
     :param most: largest number of texts that are named.
     :param further: number of others that are not among the texts.
     """

@@ -38,7 +38,6 @@ def convert_numbers(value: Any, dtype: np.dtype[Any]) -> np.ndarray[Any, Any] | 
     Floats are rounded to a type of floats. Integers are never changed.
 
     :param value: sequence, array or other buffer of one dimension.
-    :param dtype: type of the result.
     :raises TypeError: the value is no sequence.
     :raises ValueError: a value is no number.
     :raises OverflowError: a number is too large.

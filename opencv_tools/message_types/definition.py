@@ -98,10 +98,8 @@ class Field(NamedTuple):
     """
     A field of a message.
 
-    :param name: name of the field.
     :param base: type of one value: a primitive type such as ``'uint8'``, or the full name of a
         message type.
-    :param array: how many values the field has.
     :param size: number of values of a fixed array, largest number of a bounded one; else 0.
     :param string_size: largest number of characters of a bounded string; else 0.
     :param default: default value; None without one.
@@ -175,7 +173,6 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
     """
     Read the definition of a message type.
 
-    :param name: name of the type.
     :param text: text of its ``.msg`` file; then, each after a line of ``=`` and a line
         ``MSG: package/Name``, the text of types that it contains, as in a bag. Types that are not
         there, and all without a text, are those that are installed, else those that this

@@ -162,7 +162,6 @@ def frame_of(
     """
     Return a message as a frame, without a check of its content.
 
-    :param channel: topic of the message.
     :param arrival_ns: time of reception in nanoseconds of CLOCK_MONOTONIC.
     """
     message = received.message

@@ -42,9 +42,7 @@ def check_ros_arguments(
     Check remapping rules and parameter files for mistakes that ROS accepts silently.
 
     :param args: command line, program name first.
-    :param executable: name of the executable.
     :param node: name of the node, unless it is remapped.
-    :param table: parameters of the node.
     :returns: sentences about arguments that have no effect.
     :raises ParameterError: an argument is certainly a mistake.
     """
@@ -107,7 +105,6 @@ def has_section(path: str, names: set[str]) -> bool:
     """
     Return whether a parameter file has a section for one of some nodes, or for every node.
 
-    :param names: names of nodes.
     :returns: True also for a file that cannot be read, because rcl reports the reason.
     """
     sections = _sections(Path(path))

@@ -35,7 +35,6 @@ class FrameConverter:
         """
         Create a converter.
 
-        :param bridge: converter of raw images.
         :param max_pixels: maximum number of pixels of a frame.
         """
         self._bridge = bridge
@@ -50,7 +49,6 @@ class FrameConverter:
         Convert a message to a frame.
 
         :param message: raw or compressed image message, or message with video.
-        :param topic: topic of the message.
         :param receive_ns: time of reception in nanoseconds of the system clock.
         :param publisher: identifier of the publisher of video; b'' if unknown.
         :param number: number of the message from its publisher; 0 if unknown.

@@ -40,7 +40,6 @@ class UnknownParameterError(ParameterNotDeclaredException):
     """A change of an undeclared parameter; rclpy replies with the message."""
 
     def __init__(self, message: str) -> None:
-        """Store the message instead of rclpy's own."""
         Exception.__init__(self, message)
 
 

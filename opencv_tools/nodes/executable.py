@@ -35,8 +35,6 @@ class Executable:
     """
     Properties of an executable that are needed before its node exists.
 
-    :param name: name of the executable.
-    :param node: name of the node.
     :param settings: parameters of the node; None if they are not known, and other arguments may
         be given as well.
     :param description: purpose of the executable, for ``--help``.

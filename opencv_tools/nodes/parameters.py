@@ -173,9 +173,7 @@ def rate_parameter(
     """
     Return the field of a settings class for a rate in Hz, at least ``LOWEST_RATE``.
 
-    :param default: default value.
     :param description: description, see ``Parameter``.
-    :param highest: highest valid rate.
     :param or_zero: whether the rate may be 0, with the meaning in the description.
     :param options: further fields of ``Parameter``.
     """

@@ -174,7 +174,6 @@ def exit_after(seconds: int, status: int) -> Iterator[None]:
     A timer of POSIX calls ``_exit`` in a thread of its own. Without such timers there is no limit.
 
     :param seconds: limit in seconds.
-    :param status: exit status of the process at the limit.
     """
     library = ctypes.CDLL(None)
     timer = ctypes.c_void_p()
@@ -246,7 +245,6 @@ def run(
 
     Signals are ignored after the node has ended, so they do not change the exit status.
 
-    :param executable: properties of the executable.
     :param create_node: creates the node after rclpy is initialised, given the Fast DDS setup.
     :param args: command line, program name first; None for the command line of the process.
     :param failures: exceptions of ``create_node`` whose message is logged as a failure.

@@ -60,7 +60,6 @@ def read_start(
     """
     Read what the start of a node needs from a command line and its parameter files.
 
-    :param settings: settings class of the node.
     :param args: command line, program name first.
     :param node: name of the node, unless it is remapped.
     :returns: the real-time priority and the expected bytes of a published frame. Values that the

@@ -34,7 +34,6 @@ class RecordedMessage(Prepared):
     """
     A message for a bag.
 
-    :param channel: topic of the message.
     :param parts: buffers with its CDR, in order.
     :param log_ns: time of reception in nanoseconds of the system clock.
     :param publish_ns: time of publication in nanoseconds of the system clock.
@@ -77,7 +76,6 @@ class MessageBatch(ReceivedFrame, Prepared):
     Messages of other topics, which are written together as a frame is.
 
     :param messages: the messages, oldest first.
-    :param result: what has become of them.
     """
 
     count: ClassVar[int] = 0

@@ -59,11 +59,6 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
     """Write messages to bags."""
 
     def __init__(self, settings: EncoderSettings) -> None:
-        """
-        Create the format.
-
-        :param settings: compression of the images.
-        """
         self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
         self._has_video = False  # the last frame
@@ -134,11 +129,6 @@ class BagSink(FileSink[BagFile, _Prepared]):
         self, folder: Folder, numbering: Numbering, settings: EncoderSettings, limits: Limits,
         monotonic: Callable[[], float] = time.monotonic,
     ) -> None:
-        """
-        Create a sink; see `FileSink`.
-
-        :param settings: compression of the images.
-        """
         self._bags = BagFormat(settings)
         super().__init__(folder, numbering, limits, self._bags, monotonic)
 

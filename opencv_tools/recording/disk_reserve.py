@@ -35,11 +35,6 @@ class SinkWithReserve:
     """A sink of a bag that ends the recording before the disk is full."""
 
     def __init__(self, sink: BagSink, folder: Path) -> None:
-        """
-        Begin with a sink.
-
-        :param folder: output folder of the sink.
-        """
         self.counts = sink.counts
         #: Free space of the disk in bytes at the last frame; None if it is unknown.
         self.left: int | None = None

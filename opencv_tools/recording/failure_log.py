@@ -44,7 +44,6 @@ class FailureLog:
     """
 
     def __init__(self, log: Log) -> None:
-        """Create a log without failures."""
         self._log = log
         self._lock = Lock()
         self._reasons = Throttle()

@@ -68,9 +68,7 @@ class OpenFile(Generic[W]):
     """
     A file that frames are written to.
 
-    :param path: path of the file.
     :param entry: manifest entry of the file, without its size and digest.
-    :param writer: writer of the file.
     :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
     :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
     :param is_described: whether the entry describes a frame, not only other messages.

@@ -102,9 +102,7 @@ class FileSink(Generic[W, P]):
         Create a sink; the first file begins with the first frame.
 
         :param folder: output folder, closed together with this sink.
-        :param numbering: source of the file names.
         :param limits: limits of the recording; a ring deletes its oldest files.
-        :param file_format: format of the files.
         :param monotonic: monotonic clock in seconds.
         """
         self.counts = SinkCounts()

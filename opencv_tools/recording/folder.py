@@ -158,9 +158,7 @@ class Folder:
         """
         Create the folder if needed and remove leftovers of killed recordings.
 
-        :param path: output folder.
         :param sync: whether each file is flushed to disk before it gets its final name.
-        :param finishers: what finishes the files of killed recordings.
         :raises OSError: the folder cannot be created or written to.
         """
         self.path = path
@@ -246,11 +244,7 @@ class Folder:
         self._journal.write(*self._deferred, entry)
 
     def defer_line(self, entry: ManifestEntry) -> None:
-        """
-        Keep an entry in memory until ``write_deferred`` writes it to the manifest.
-
-        :param entry: manifest entry of a finished file.
-        """
+        """Keep an entry in memory until ``write_deferred`` writes it to the manifest."""
         self._deferred = [*self._deferred, entry][-_MAX_DEFERRED:]
 
     def write_deferred(self) -> None:
@@ -271,7 +265,6 @@ class Folder:
         """
         Replace the line of a file that has changed, if the manifest has one.
 
-        :param name: name of the file.
         :param frames: number of its frames; None if it has not changed.
         :raises OSError: the file cannot be read, or the manifest cannot be written.
         """

@@ -41,7 +41,6 @@ class PreparedImage:
     """
     A temporary file that is ready to be renamed.
 
-    :param temporary: path of the temporary file.
     :param content: content of the file, without its data.
     :param size: size of the file in bytes.
     :param sha256: SHA-256 digest of the file, in hexadecimal digits.
@@ -68,9 +67,6 @@ class ImageSink:
         Read the manifest of the existing files.
 
         :param folder: output folder, closed together with this sink.
-        :param numbering: source of the file names.
-        :param settings: format and encoder settings of the files.
-        :param limits: limits of the recording.
         :raises OSError: the manifest cannot be read.
         """
         self.counts = SinkCounts()
@@ -107,8 +103,6 @@ class ImageSink:
         """
         Rename a temporary file; one thread at a time, in the order of the frames.
 
-        :param frame: frame in the file.
-        :param image: temporary file of the frame.
         :returns: final path.
         :raises LimitReached: the recording has reached its limits.
         :raises OSError: the file cannot be renamed or added to the manifest.

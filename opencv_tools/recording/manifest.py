@@ -47,13 +47,9 @@ class ManifestEntry:
     """
     The manifest entry of one file.
 
-    :param seq: number of the file.
-    :param name: name of the file.
     :param stamp_ns: stamp of the frame in nanoseconds; for a video, of its first frame.
     :param receive_ns: time of reception of the frame, in nanoseconds of the system clock.
-    :param frame_id: coordinate frame of the frame.
     :param encoding: encoding of the message, or format string of a compressed message.
-    :param stored_encoding: encoding of the file.
     :param width: width in pixels; 0 if unknown.
     :param height: height in pixels; 0 if unknown.
     :param size: size of the file in bytes.
@@ -88,7 +84,6 @@ class ManifestEntry:
         """
         Return the entry with the size and the digest of its file.
 
-        :param folder: folder of the file.
         :raises OSError: the file is missing, not a regular file, or cannot be read.
         """
         digest, size = hashlib.sha256(), 0
@@ -134,7 +129,6 @@ class Manifest:
     """The manifest of a folder; several recordings may write to it at the same time."""
 
     def __init__(self, folder: Path) -> None:
-        """Store the path; the file is created with its first line."""
         self._path = folder / FILE_NAME
 
     def append(self, entry: ManifestEntry) -> None:
@@ -172,7 +166,6 @@ class Manifest:
         Remove lines that a later line of the same file replaces, and unwanted lines.
 
         :param is_kept: returns whether to keep an entry.
-        :param write: writes a temporary file in the folder and returns its path.
         :raises OSError: the manifest cannot be rewritten.
         """
         with self._locked() as file:

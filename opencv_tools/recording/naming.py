@@ -46,9 +46,7 @@ class FrameMetadata:
     The metadata of a frame that a file name may contain.
 
     :param stamp_ns: stamp of the message in nanoseconds.
-    :param frame_id: coordinate frame of the message.
     :param encoding: encoding of the message, or format string of a compressed message.
-    :param topic: topic of the message.
     """
 
     stamp_ns: int

@@ -42,8 +42,6 @@ class Numbering:
         """
         Find the number after the existing files, or 0 if they may be overwritten.
 
-        :param names: template of the file names.
-        :param folder: folder of the files.
         :param on_exists: one of ``ON_EXISTS``.
         :raises RecordingError: matching files exist, and ``on_exists`` is ``error``.
         :raises OSError: the folder cannot be read.

@@ -107,7 +107,6 @@ def check_limits(suffix: str, limits: Limits) -> None:
     Check that the limits of a recording suit its format.
 
     :param suffix: file name extension with its dot, in lower case.
-    :param limits: limits of the recording.
     :raises ValueError: an image file is to be split.
     """
     if (limits.split_bytes or limits.split_seconds) and suffix in IMAGE_FORMATS:
@@ -136,10 +135,7 @@ def open_sink(
     Create the sink that frames are written to.
 
     :param path: output folder, created if it does not exist.
-    :param names: template of the file names.
-    :param settings: format and encoder settings of the files.
     :param on_exists: handling of existing files, one of ``ON_EXISTS``.
-    :param limits: limits of the recording.
     :param sync: whether each file is flushed to disk before it gets its final name.
     :param monotonic: monotonic clock in seconds, for the retries of a video or bag.
     :returns: the sink, for a recorder.

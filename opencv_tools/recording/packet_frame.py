@@ -58,8 +58,6 @@ def packet_frame(
     """
     Return a message with video as a packet.
 
-    :param message: the message.
-    :param topic: topic of the message.
     :returns: the frame, whose size is that in its SPS or sequence header.
     :raises ImageError: the packet is damaged, or its codec is unknown.
     """

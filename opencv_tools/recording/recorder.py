@@ -40,7 +40,6 @@ class FrameQueue(Generic[T]):
         """
         Create an empty queue.
 
-        :param size: maximum number of items.
         :param block: whether ``put`` waits for room; otherwise it drops the oldest item.
         """
         self._size = size
@@ -195,7 +194,6 @@ class Recorder(Generic[P]):
         """
         Start the worker threads.
 
-        :param sink: destination of the frames.
         :param queue_size: maximum number of frames that wait to be written.
         :param writers: number of worker threads; 0 for one per processor.
         :param block: whether ``put`` waits when the queue is full; otherwise the oldest frame is
@@ -231,7 +229,6 @@ class Recorder(Generic[P]):
         """
         Put a frame into the queue.
 
-        :param frame: immutable frame.
         :param on_done: called on any thread with the path of the frame, or the reason why it was
             not written.
         :returns: False if the oldest frame of the queue was dropped.

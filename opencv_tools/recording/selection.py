@@ -43,7 +43,6 @@ class Limits:
     """
     Limits of a recording; 0 means no limit.
 
-    :param max_frames: number of frames.
     :param max_seconds: duration in seconds, from the first frame.
     :param max_bytes: size of all files in bytes.
     :param ring: whether the oldest files are deleted at the limits, instead of ending.
@@ -144,7 +143,6 @@ class Retention:
         """
         Sort the existing files by their age.
 
-        :param limits: limits of the recording.
         :param entries: files of earlier recordings, which a ring counts and deletes. Files with a
             time in the future count as the oldest, because their age is unknown.
         :param monotonic: monotonic clock of the arrivals, in nanoseconds.

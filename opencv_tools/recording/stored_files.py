@@ -32,7 +32,6 @@ class StoredFiles:
         Read the manifest of the existing files, which a ring deletes, too.
 
         :param numbering: names of the files; other files are never deleted.
-        :param limits: limits of the recording.
         :param stale_lines: number of lines of deleted files that may stay in the manifest, if
             there are not more files than that.
         :raises OSError: the manifest cannot be read.

@@ -56,7 +56,6 @@ class Kinematics:
     """Poses of the frames of a robot, and the tree of its links."""
 
     def __init__(self, robot: Robot) -> None:
-        """Create the tree of links of a robot whose joints connect links of its own."""
         self.robot = robot
         self._placements = {frame: owner.placement for frame, owner in robot.frame_owners()}
         self._poses: dict[FrameId, Transform] = {MODEL: IDENTITY}

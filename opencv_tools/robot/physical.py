@@ -45,7 +45,6 @@ def with_physical_inertials(robot: Robot, report: Report) -> Robot:
     """
     Return a robot in which physically impossible moments of inertia are the nearest possible ones.
 
-    :param report: receives the former and the new moments.
     :raises DescriptionError: a mass is negative, or the moments are those of no body at all.
     """
     def changed(link: Link) -> Link:

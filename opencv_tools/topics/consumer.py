@@ -37,7 +37,6 @@ class Consumer:
         Create a consumer in the executor.
 
         :param node: node whose timers are not delayed by frames that wait.
-        :param queue: queue of the frames.
         :param on_frame: called with each frame.
         :param on_broken: called with the error of a message that cannot be read.
         """
@@ -65,7 +64,6 @@ class Consumer:
         """
         Pass on the frames in a thread, until the queue is closed or a callback fails.
 
-        :param name: name of the thread.
         :param on_end: called in the thread at its end; True if a callback has failed.
         """
         def run() -> None:

@@ -84,7 +84,6 @@ class VideoTopics:
         Publish a frame, if somebody receives it. Errors of the encoder are logged.
 
         :param picture: returns the image and its encoding, or the packet of a camera.
-        :param header: stamp and coordinate frame of the message.
         :returns: publishers that have published it.
         :raises KeyFrameNeeded: the packet of a camera needs a key frame that was not passed on.
         :raises ImageError: ``picture`` raised it.

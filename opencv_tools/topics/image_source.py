@@ -56,7 +56,6 @@ class ImageSource:
         """
         Choose a topic, without a reader until ``use`` is called.
 
-        :param discovery: the possible topics and their publishers.
         :param depth: number of messages that may wait; None for all.
         :param queue: queue that gets the frames.
         :param before_message: called with the publisher of a message before it is put.
@@ -122,7 +121,6 @@ class ImageSource:
         """
         Put a message into the queue.
 
-        :param reader: reader of the message.
         :param keeps_all: whether the queue may exceed its capacity.
         :returns: its time of reception in nanoseconds, 0 if unknown; None without a message.
         """

@@ -55,7 +55,6 @@ class MessageReader:
         """
         Subscribe.
 
-        :param message_class: class of the messages.
         :param topic: name of the topic before remapping.
         :param qos: quality of service to request.
         :raises ParameterError: the name of the topic or the quality of service is invalid.

@@ -302,19 +302,13 @@ class FrameOrder:
         return self._find(publisher).is_early(position)
 
     def learn(self, publisher: bytes, messages: int, number: int) -> None:
-        """
-        Record that a number of messages are among the first frames of a publisher.
-
-        :param messages: number of messages on the image topic.
-        :param number: number of frames.
-        """
+        """Record that a number of messages are among the first frames of a publisher."""
         self._find(publisher).learn(messages, number)
 
     def accepts(self, publisher: bytes, position: Position, publish_ns: int) -> bool:
         """
         Return whether a frame is to be passed on; if so, it counts as arrived.
 
-        :param publisher: identifier of the publisher.
         :param position: its place; without any number the frame is always new.
         :param publish_ns: time of publication in nanoseconds of the publisher; 0 if unknown.
         :raises CdrError: the numbers are too far from those of the last frame.

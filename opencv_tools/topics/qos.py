@@ -59,8 +59,6 @@ def qos_mismatch(offer: QoSProfile, request: QoSProfile) -> str:
     """
     Return why a subscription receives nothing from a publisher.
 
-    :param offer: profile of the publisher.
-    :param request: profile of the subscription.
     :returns: names of the incompatible policies, '' if all are compatible.
     """
     compatibility, reason = qos_check_compatible(offer, request)
@@ -83,7 +81,6 @@ def create_frame_publisher(
     """
     Create a reliable publisher; parameters may override history, depth and reliability.
 
-    :param message_type: class of the messages.
     :param depth: number of messages that slow subscribers may receive later.
     :param events: callbacks for events of subscribers.
     :returns: the publisher.

@@ -153,8 +153,6 @@ class FrameQueue:
         """
         Add a frame, unless it is repeated.
 
-        :param frame: the frame.
-        :param publisher: identifier of its publisher.
         :param position: its place among those of the publisher; None for a message that the
             middleware has discarded.
         :param keeps_all: whether to exceed the capacity instead of replacing the oldest frame.

@@ -52,7 +52,6 @@ class SharedServices:
         """
         Read an announcement; it replaces the last one of its publisher.
 
-        :param text: message of unknown origin.
         :param sender: identifier of the publisher of the message, from the middleware.
         :raises AnnouncementError: it is malformed, or another process speaks of the publisher.
         """
@@ -123,9 +122,7 @@ class SharedFrames:
         """
         Subscribe to the announcements.
 
-        :param discovery: the image topic.
         :param queue: queue that gets the frames.
-        :param options: options of the subscription.
         :param on_change: called in any thread when ``has_changed`` has become true.
         :param on_frame: called in any thread after each frame that was put into the queue.
         """
@@ -164,7 +161,6 @@ class SharedFrames:
         """
         Open the frames of all publishers, or leave them if not all share.
 
-        :param publishers: identifiers of the publishers of the image topic.
         :returns: whether all frames come from shared memory.
         """
         with self._queue.lock:

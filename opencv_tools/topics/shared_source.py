@@ -48,8 +48,6 @@ class Origin(NamedTuple):
     """
     What shared frames come from.
 
-    :param publisher: identifier of the publisher of the image topic.
-    :param service: name of its service.
     :param identity: what each of its frames repeats, see `publisher_identity`.
     """
 
@@ -68,8 +66,6 @@ class SharedSource:
         """
         Start the thread, with the priority of this one.
 
-        :param origin: publisher of the frames.
-        :param reader: reader of its service.
         :param queue: queue that gets the frames.
         :param on_change: called in the thread when the frames arrive in another way, when messages
             are missing before the next frame, and at the end of the thread by an error.

@@ -46,9 +46,7 @@ class FrameSources:
         """
         Subscribe to the image topic, and to the announcements of shared frames.
 
-        :param discovery: the possible topics and their publishers.
         :param queue: queue that gets the frames.
-        :param options: options of the subscription.
         :param wake_ups: what wakes the executor; its readers become those of the sources.
         """
         self._discovery = discovery

@@ -47,11 +47,6 @@ class MixedPublishers:
     """Log once that several publishers send frames on a topic, and of which nodes they are."""
 
     def __init__(self, log: Log, describe: Callable[[Set[bytes]], str]) -> None:
-        """
-        Create a warning.
-
-        :param describe: returns the names of the nodes of some publishers.
-        """
         self._log = log
         self._describe = describe
         self._counts: dict[bytes, int] = {}
@@ -84,11 +79,6 @@ class NoFramesWarning:
     """Log why no frame arrives, three seconds or three periods after the last frame."""
 
     def __init__(self, log: Log, describe: Callable[[], str]) -> None:
-        """
-        Start waiting for frames.
-
-        :param describe: returns the reason.
-        """
         self._log = log
         self._describe = describe
         self._logged_reason = ''

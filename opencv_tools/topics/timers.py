@@ -31,7 +31,6 @@ class Delay:
         """
         Create an inactive delay.
 
-        :param node: node whose executor makes the call.
         :param seconds: time from the first request to the call, in seconds.
         :param call: function to call.
         """
@@ -55,7 +54,6 @@ def create_steady_timer(
     """
     Create a periodic timer on the monotonic clock.
 
-    :param node: node whose executor makes the calls.
     :param seconds: period in seconds.
     :param call: function to call.
     :param group: callback group; None for the default one of the node.

@@ -51,7 +51,6 @@ class ImageTopic:
     A topic that may have frames.
 
     :param name: name of the topic before remapping.
-    :param type_name: type of its messages.
     """
 
     name: str
@@ -87,7 +86,6 @@ def image_topics(node: Node, types: Set[str] = MESSAGE_TYPES.keys()) -> list[str
     """
     Return the names of the topics that have publishers or subscriptions of images, sorted.
 
-    :param node: node whose graph is queried.
     :param types: types of messages to find.
     """
     # Topics that are not of ROS have other names.
@@ -108,7 +106,6 @@ class TopicDiscovery:
         """
         List the topics.
 
-        :param node: node whose graph is queried.
         :param topic: name of the image topic before remapping.
         :param transport: one of ``TRANSPORTS``.
         :param prefers_compressed: whether compressed topics are better than raw ones.
@@ -165,12 +162,7 @@ class TopicDiscovery:
         return self._host not in (None, bytes(info.endpoint_gid)[_HOST])
 
     def explain_no_frames(self, image_topic: ImageTopic, qos: QoSProfile) -> str:
-        """
-        Return the reason why no frame arrives, with a remedy, as a sentence.
-
-        :param image_topic: subscribed topic.
-        :param qos: quality of service of the subscription.
-        """
+        """Return the reason why no frame arrives, with a remedy, as a sentence."""
         topic = self._resolved_name(image_topic)
         publishers = self.node.get_publishers_info_by_topic(image_topic.name)
         offers = [info for info in publishers if info.topic_type == image_topic.type_name]

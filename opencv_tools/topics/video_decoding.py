@@ -59,7 +59,6 @@ class VideoDecoding:
         Decode a message.
 
         :param message: the message; one that is no video is returned.
-        :param publisher: identifier of its publisher.
         :param number: number that the publisher gave it; 0 if unknown.
         :returns: the image, or the error of video that cannot be decoded; None if the message
             needs earlier ones that are missing.

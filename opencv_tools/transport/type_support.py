@@ -144,7 +144,6 @@ class TypeSupport:
     """The structures of one message type. They must outlive the nodes that use the type."""
 
     def __init__(self, definition: TypeDefinition) -> None:
-        """Create the structures."""
         self._name = definition.name
         self._definitions = definition.types
         #: Hash of the type, 32 bytes.

@@ -74,7 +74,6 @@ class TakenImage(NamedTuple):
     Result of taking an image message.
 
     :param image: the message, whose data are read-only; None without a message.
-    :param info: its metadata.
     :param unreadable: reason why the middleware has discarded earlier messages; '' if it has
         reported none.
     """
@@ -184,7 +183,6 @@ def publisher_id(publisher: rclpy_implementation.Publisher) -> bytes:
     """
     Return the identifier of a publisher, as in the ``publisher`` of a `MessageInfo`.
 
-    :param publisher: handle of the publisher.
     :returns: 16 bytes, or none if rclpy is used.
     """
     if _rcl is None:
@@ -200,7 +198,6 @@ def take_serialized(subscription: rclpy_implementation.Subscription) -> Serializ
     """
     Take a serialized message.
 
-    :param subscription: handle of a subscription of any type.
     :returns: the bytes, (n,) uint8 and read-only, and the metadata; None without a message.
     :raises RuntimeError: the middleware failed.
     """

@@ -44,7 +44,6 @@ class VideoEncoder:
         """
         Open the encoder.
 
-        :param settings: settings of the encoder.
         :param width: width of the images in pixels.
         :param height: height of the images in pixels.
         :param rate: frames per second, for the bit rate; 0 if it is unknown.

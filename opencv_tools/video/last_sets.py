@@ -42,7 +42,6 @@ class LastSets:
         """
         Keep parameter sets that come without a picture, which may be in several packets.
 
-        :param data: content of the packet.
         :returns: whether the packet has parameter sets.
         :raises VideoError: the packet is damaged.
         """

@@ -67,13 +67,10 @@ class WireVideo:
     """
     A message with one picture of video, as plain values.
 
-    :param type_name: type of the message.
-    :param header: stamp and coordinate frame.
     :param encoding: codec, or codec and pixel formats with a semicolon between them.
     :param width: width of the picture in pixels; 0 if the message has none.
     :param height: height of the picture in pixels; 0 if the message has none.
     :param data: buffer of bytes.
-    :param serialized: the whole message in CDR.
     """
 
     type_name: str
@@ -113,7 +110,6 @@ def video_to_cdr(type_name: str, header: WireHeader, packet: VideoPacket, number
     """
     Convert a picture of video to a message.
 
-    :param type_name: type of the message.
     :param number: number of the picture, in a stream of one rate.
     :returns: little-endian CDR.
     :raises CdrError: a string cannot be part of a message.
@@ -134,8 +130,6 @@ def cdr_to_video(type_name: str, serialized: Any) -> WireVideo:
     """
     Read a message with a picture of video.
 
-    :param type_name: type of the message.
-    :param serialized: buffer of CDR.
     :returns: the message; its data are a view of the buffer.
     :raises CdrError: the bytes are no message of this type, or its size is impossible.
     """

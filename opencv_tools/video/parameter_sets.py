@@ -165,7 +165,6 @@ def av1_header(payload: bytes) -> SequenceHeader:
     """
     Read a sequence header of AV1 (5.5 of the specification; its codec string is in AV1-ISOBMFF).
 
-    :param payload: payload of the OBU.
     :raises VideoError: the sequence header is damaged.
     """
     reader = BitReader(payload)
@@ -269,7 +268,6 @@ def is_key_frame(codec: str, data: bytes) -> bool:
     Return whether decoding can begin with a packet.
 
     :param codec: one of ``CODECS``.
-    :param data: content of the packet.
     :raises VideoError: the packet is damaged.
     """
     check_codec(codec)
@@ -291,7 +289,6 @@ def picture_size(codec: str, data: bytes) -> tuple[int, int] | None:
     Return the width and height of the picture in pixels, after cropping.
 
     :param codec: one of ``CODECS``.
-    :param data: content of the packet.
     :returns: the largest ones, if the packet contains several sizes; None if it contains none.
     :raises VideoError: the packet is damaged.
     """
@@ -306,7 +303,6 @@ def webcodecs_name(codec: str, data: bytes) -> str | None:
     Return the codec string of WebCodecs, such as ``'avc1.42C01F'``.
 
     :param codec: one of ``CODECS``.
-    :param data: content of the packet.
     :returns: the string, or None if the packet has no SPS or sequence header.
     :raises VideoError: the packet is damaged.
     """
@@ -318,7 +314,6 @@ def sequence_headers(codec: str, data: bytes) -> Iterator[SequenceHeader]:
     Yield what each SPS or sequence header of a packet contains.
 
     :param codec: one of ``CODECS``.
-    :param data: content of the packet.
     :raises VideoError: the packet is damaged.
     """
     check_codec(codec)
@@ -337,7 +332,6 @@ def h264_frame_number(data: bytes, bits: int) -> tuple[int, bool] | None:
     """
     Return frame_num of a picture of H.264, and whether other pictures refer to this one.
 
-    :param data: content of the packet.
     :param bits: ``frame_number_bits`` of the header of the sequence.
     :returns: None if the packet has no slice.
     :raises VideoError: the packet is damaged.
@@ -369,7 +363,6 @@ def parameter_sets(codec: str, data: bytes) -> bytes:
     Return the VPS, SPS and PPS of a packet with start codes, or its sequence header OBU.
 
     :param codec: one of ``CODECS``.
-    :param data: content of the packet.
     :returns: the parameter sets; b'' if the packet has none.
     :raises VideoError: the packet is damaged.
     """
@@ -388,7 +381,6 @@ def newest_sets(codec: str, sets: bytes, newer: bytes) -> bytes:
 
     :param codec: one of ``CODECS``.
     :param sets: earlier parameter sets, as ``parameter_sets`` returns them.
-    :param newer: newer parameter sets.
     :raises VideoError: there are too many.
     """
     if codec == 'av1':
@@ -434,7 +426,6 @@ def read_extradata(codec: str, extradata: bytes) -> tuple[bytes, int]:
     Read the parameter sets of a stream in a container: avcC, hvcC, av1C or Annex B.
 
     :param codec: one of ``CODECS``.
-    :param extradata: codec data of the stream.
     :returns: the parameter sets as ``parameter_sets`` returns them, and the bytes of a length in
         the packets of the stream; 0 if the packets have no lengths.
     :raises VideoError: the codec data are damaged.

@@ -158,7 +158,6 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
     """
     Return the options of FFmpeg for an encoder without delay.
 
-    :param settings: settings of the encoder.
     :param width: width of the picture in pixels.
     :param height: height of the picture in pixels.
     :param rate: frames per second.

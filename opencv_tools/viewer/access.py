@@ -122,7 +122,6 @@ class Access:
 
         A page under such a name has no token, so any name is allowed if there is a token.
 
-        :param host: value of the header.
         :raises RequestError: the name is not allowed.
         """
         name = _host_name(host)

@@ -34,7 +34,6 @@ class ShownFrame:
     """Frame of the newest picture that the page has drawn."""
 
     def __init__(self) -> None:
-        """Create an object without a frame."""
         self._drawn: tuple[int, NewFrame | None] = 0, None
         self._stepped: NewFrame | None = None
         self._step: asyncio.Future[str] | None = None
@@ -109,7 +108,6 @@ class LinkRate:
         Start with the wanted size.
 
         :param width: wanted width in pixels.
-        :param quality: wanted JPEG quality.
         :param fixed: whether the size never changes.
         """
         self._levels = [(width, quality)]
@@ -213,9 +211,7 @@ class Channel:
         """
         Create a channel and send the newest frame.
 
-        :param stream: stream of the topic.
         :param options: what the viewer requests, without zeros except for the width.
-        :param send: sends a picture and returns its sequence number.
         :param newest: returns the frame of a feed that is sent next; None before the first one.
         """
         self.stream = stream

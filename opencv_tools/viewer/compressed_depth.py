@@ -69,7 +69,6 @@ def decode_compressed_depth(
     """
     Decode an image of depth.
 
-    :param content: content of the message.
     :param format_text: format string, such as ``'32FC1; compressedDepth png'``.
     :returns: (h, w) array, and how it stores floats; None for millimetres. Only the pixels that
         somebody needs become floats, because a small message may have many pixels.

@@ -53,7 +53,6 @@ def parameter_json(
     Return a parameter of the protocol; None for a list or an unset parameter.
 
     :param descriptor: name, range and description.
-    :param value: present value.
     """
     if value.type not in _TYPES:
         return None

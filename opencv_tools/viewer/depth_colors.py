@@ -39,11 +39,7 @@ _FOLLOW_SECONDS = 2.0
 
 
 def measure_limits(numbers: NDArray[Any]) -> Limits:
-    """
-    Return the limits of most numbers; 0.0 twice if there are none.
-
-    :param numbers: finite numbers.
-    """
+    """Return the limits of most numbers; 0.0 twice if there are none."""
     if not numbers.size:
         return 0.0, 0.0
     low, high = np.percentile(numbers, _PERCENTILES, method='nearest')
@@ -90,7 +86,6 @@ class DepthRange:
     """Limits that follow those of the frames slowly, so that colours do not flicker."""
 
     def __init__(self) -> None:
-        """Begin without limits."""
         self._limits: Limits | None = None
         self._followed_at = 0.0
 
@@ -111,7 +106,6 @@ class DepthRange:
         """
         Use the limits of a frame.
 
-        :param measured: limits of the numbers of the frame.
         :param now: monotonic clock in seconds.
         """
         self._limits = self.at(now).after(measured)

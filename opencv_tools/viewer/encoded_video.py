@@ -44,10 +44,7 @@ class EncodedVideo(VideoSource):
         """
         Create a source that encodes nothing until a page comes.
 
-        :param stream: stream of images.
         :param rate: highest rate in Hz.
-        :param loop: loop of the server.
-        :param settings: settings of the encoder.
         """
         super().__init__(stream, loop.time)
         self._settings = settings

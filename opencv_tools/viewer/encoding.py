@@ -54,7 +54,6 @@ class Reduction:
 
     :param factor: pixels of the image for one that was decoded, along each axis. The last ones
         are for fewer pixels if the size is no multiple.
-    :param size: width and height of the image.
     :param is_reversed: whether the columns and the rows have been reversed since.
     """
 
@@ -177,7 +176,6 @@ class Picture:
     """
     A JPEG for a browser.
 
-    :param data: content of the JPEG file.
     :param width: width in pixels.
     :param height: height in pixels.
     :param source_size: width and height of the image in pixels.
@@ -208,7 +206,6 @@ def encode_picture(
     Convert an image message to a JPEG.
 
     :param message: raw or compressed image.
-    :param options: size and quality.
     :param steady: limits that the image changes, if the options have none.
     :returns: the picture, which is never larger than the image.
     :raises ImageError: the message is not a valid image.

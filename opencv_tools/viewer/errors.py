@@ -28,12 +28,6 @@ class RequestError(Exception):
     """A request of a browser cannot be fulfilled; the message is shown to its user."""
 
     def __init__(self, message: str, status: int = 400) -> None:
-        """
-        Store the reason.
-
-        :param message: one sentence.
-        :param status: status of HTTP.
-        """
         super().__init__(message)
         self.status = status
 

@@ -63,7 +63,6 @@ class ExecutorCalls:
         """
         Run a coroutine of rclpy; thread-safe.
 
-        :param work: coroutine.
         :param on_done: called with the result, or with the refusal, in the executor.
         """
         async def run() -> None:

@@ -113,11 +113,7 @@ class Restarts:
         sender.frames += 1
 
     def check(self, present: Mapping[bytes, str]) -> None:
-        """
-        Look for publishers that were replaced.
-
-        :param present: topics of the publishers in the graph.
-        """
+        """Look for publishers that were replaced."""
         now = self._clock()
         self._found = {key: self._found.get(key, now) for key in present}
         for key, sender in self._senders.items():

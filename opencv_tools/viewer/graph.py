@@ -59,8 +59,6 @@ class ViewTopic:
     :param number: number of the topic, which never changes.
     :param name: name of the topic, without the end of a transport.
     :param transports: published transports: ``raw``, ``compressed``, ``disparity`` and ``video``.
-    :param nodes: names of the publishing nodes.
-    :param publishers: number of publishers.
     :param senders: published topics of the publishers, by their identifiers.
     """
 
@@ -100,7 +98,6 @@ class FeedState:
     State of a subscription.
 
     :param reason: reason why no frame arrives; '' while frames arrive.
-    :param lost: number of frames lost between the publisher and this node.
     :param is_latched: whether the publishers keep their last frame for new subscriptions.
     """
 
@@ -123,7 +120,6 @@ class GraphState:
     :param feeds: states of the subscriptions by topic and transport.
     :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
         control.
-    :param robot: publishers of the robot.
     :param detections: names of the topics with boxes.
     :param recording: account of the recording of the pages; None if they cannot record.
     """

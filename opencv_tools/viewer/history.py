@@ -65,8 +65,6 @@ class Hold:
     """
     The frames that a page may show while it is paused.
 
-    :param key: topic and transport.
-    :param numbers: numbers of the frames.
     :param too_large: bytes of the newest message if it is larger than all that may be kept.
     """
 
@@ -125,8 +123,6 @@ class History:
         """
         Keep a frame if somebody watches its topic.
 
-        :param key: topic and transport.
-        :param received: the message.
         :returns: the message, whose data are a copy if they were in the memory of a publisher.
         """
         topic = self._topics.get(key)

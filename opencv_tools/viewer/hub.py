@@ -71,7 +71,6 @@ class Hub:
         Create a hub without streams.
 
         :param graph: image topics, used in the executor.
-        :param calls: calls in the executor.
         :param pool: threads that encode.
         """
         self.settings = settings
@@ -136,7 +135,6 @@ class Hub:
         """
         Return the stream of a topic; the caller releases it.
 
-        :param name: name of the topic.
         :param original: whether raw images are preferred to other ones.
         :param video: whether the method ``video`` has a source, if the parameters allow it.
         :param slow: whether the source is for a slow link; a video topic is encoded again.
@@ -198,7 +196,6 @@ class Hub:
         """
         Control another node.
 
-        :param choose: calls a method of the control.
         :returns: the answer for the page.
         :raises RequestError: control is off, or the node does not answer.
         """

@@ -221,7 +221,6 @@ class _Question:
     """
     A question about a picture.
 
-    :param picture: sequence number of the picture.
     :param channel: what sends the pictures of the topic; None for nothing.
     :param read: reads the pixels of the frame, which waits with the question; None if the frame
         is gone.

@@ -47,7 +47,6 @@ class ViewedPacket:
 
     :param number: number of the packet; numbers of packets that need each other follow each other.
     :param stamp_ns: stamp of the frame in nanoseconds.
-    :param packet: the packet. A key frame has its parameter sets.
     :param name: codec string of WebCodecs of a key frame; '' for other packets.
     """
 

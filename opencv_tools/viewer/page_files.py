@@ -32,7 +32,6 @@ class PageFile:
     """
     A file of the page.
 
-    :param content: content of the file.
     :param content_type: value of the header ``Content-Type``.
     :param tag: value of the header ``ETag``.
     """

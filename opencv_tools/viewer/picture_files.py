@@ -38,7 +38,6 @@ class PictureFiles:
     """Keep the frame that a page shows, because the page may draw the next one meanwhile."""
 
     def __init__(self) -> None:
-        """Create an object without frames."""
         self._kept: dict[str, tuple[Stream, NewFrame]] = {}
 
     def answer(self, message: dict[str, Any], channels: Mapping[str, object]) -> dict[str, Any]:

@@ -42,7 +42,6 @@ class Pixels:
     The pixels of a message, as they are in the message.
 
     :param image: (h, w) or (h, w, c) array; chroma rows follow the luma rows.
-    :param encoding: encoding of the array.
     :param codec: name of the codec that has changed the values; '' for none.
     :param quantisation: how the array stores depth; None if it has the numbers of the encoding.
     """

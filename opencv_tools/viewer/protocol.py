@@ -91,12 +91,10 @@ def pack_frame(
     """
     Return the binary message of a picture.
 
-    :param topic: number of the topic.
     :param sequence: number of the message, which the page answers.
     :param stamp: stamp of the frame in seconds.
     :param sent: time of sending in seconds of the system clock.
     :param place: column, row, width and height of the part that is shown, and size of the image.
-    :param picture: content of a JPEG file.
     """
     return _HEAD.pack(topic, sequence % 2**32, stamp, sent) + _PLACE.pack(*place) + picture
 
@@ -114,11 +112,9 @@ def pack_video(
     """
     Return the binary message of a packet of video.
 
-    :param topic: number of the topic.
     :param sequence: number of the message, which the page answers.
     :param stamp: stamp of the frame in seconds.
     :param sent: time of sending in seconds of the system clock.
-    :param packet: the packet.
     :param number: number of the packet; the page needs a key frame after a missing one.
     :param name: codec string of WebCodecs of a key frame; '' for other packets.
     """
@@ -243,7 +239,6 @@ def parse_point(values: Any, name: str) -> tuple[int, int]:
     """
     Read the column and the row of a pixel.
 
-    :param values: list of two numbers.
     :param name: name of the value, for the message.
     :raises RequestError: it is not such a list.
     """
@@ -257,10 +252,7 @@ def valid_number(value: Any, name: str, low: float, high: float) -> float:
     """
     Return a number of a message.
 
-    :param value: value of the message.
     :param name: name of the value, for the message.
-    :param low: smallest valid number.
-    :param high: largest valid number.
     :raises RequestError: the value is invalid.
     """
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -274,10 +266,7 @@ def number_of(text: str, name: str, low: float, high: float) -> float:
     """
     Read a number in a URL.
 
-    :param text: value.
     :param name: name of the value, for the message.
-    :param low: smallest valid number.
-    :param high: largest valid number.
     :raises RequestError: the value is invalid.
     """
     try:

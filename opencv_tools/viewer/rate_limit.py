@@ -35,7 +35,6 @@ class RateLimit:
         """
         Create a limit that allows the first frame at once.
 
-        :param loop: loop of the server.
         :param wake: called when a frame that had to wait is due, unless another was shown first.
         """
         self._loop = loop

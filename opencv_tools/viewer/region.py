@@ -29,8 +29,6 @@ class Region:
 
     :param x: first column.
     :param y: first row.
-    :param width: number of columns.
-    :param height: number of rows.
     """
 
     x: int

@@ -137,9 +137,7 @@ class ViewerServer:
         """
         Listen on the port.
 
-        :param node: full name of the node.
         :param graph: image topics, used in the executor.
-        :param calls: calls in the executor.
         :param on_failure: called in the thread if the server ends by itself.
         :raises ViewerError: the port, the address or the certificate cannot be used.
         """

@@ -39,7 +39,6 @@ class _Request:
     """
     A step.
 
-    :param topic: name of the topic.
     :param by: number of frames, negative for earlier ones.
     :param beside: name of a topic that shows the frame with the nearest stamp; '' for none.
     """

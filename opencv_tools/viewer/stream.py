@@ -55,11 +55,8 @@ class Stream:
         """
         Create a stream without viewers.
 
-        :param number: number of the topic.
         :param key: name of the topic, and the transport.
-        :param loop: loop of the server.
         :param pool: threads that encode.
-        :param feed_type: class of the feed.
         """
         self.number = number
         self.key = key
@@ -113,7 +110,6 @@ class Stream:
         Return the picture of a frame; viewers with the same options share it.
 
         :param frame: newest frame.
-        :param options: size and quality.
         :returns: future of the picture, or of the reason why there is none.
         """
         number, future = self._pictures.get(options, (0, None))

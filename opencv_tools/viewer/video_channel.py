@@ -48,11 +48,8 @@ class VideoChannel:
         """
         Create a channel and send the packets since the last key frame.
 
-        :param source: source of the packets.
-        :param options: what the viewer requests.
         :param codecs: codecs that the page decodes.
         :param link: link to the page.
-        :param send: sends a packet and returns its sequence number.
         :param refuse: called with the reason why there is no video, after which nothing is sent.
         """
         self.stream = source.stream

@@ -55,7 +55,6 @@ class VideoSource:
         """
         Create a source without channels.
 
-        :param stream: stream of the topic.
         :param clock: monotonic clock in seconds.
         """
         self.stream = stream
@@ -128,8 +127,6 @@ class PublishedVideo(VideoSource):
         """
         Begin to pass packets on.
 
-        :param stream: stream of the topic.
-        :param feed: feed of the stream.
         :param subscribe_again: called for a key frame, which publishers send to new subscribers.
         :param clock: monotonic clock in seconds.
         """

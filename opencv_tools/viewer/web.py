@@ -52,14 +52,9 @@ class Site:
     """
     Everything that the handlers need.
 
-    :param hub: streams and viewers.
     :param access: rules for requests.
     :param page: files of the page by name.
-    :param node: full name of the node.
-    :param port: port of the server.
     :param is_secure: whether the connection is encrypted.
-    :param log: log of the node.
-    :param overlays: creates the overlays of a page.
     """
 
     hub: Hub
@@ -81,7 +76,6 @@ class Refusal(HTTPError):
     """An answer with a status of HTTP and one sentence."""
 
     def __init__(self, err: RequestError) -> None:
-        """Store the status and the message."""
         super().__init__(err.status)
         self.message = str(err)
 

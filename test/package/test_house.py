@@ -43,6 +43,12 @@ BUDGET = {
     'viewer': 5420}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
            tokenize.ENDMARKER)
+#: A description has one of these, or it repeats the name.
+KNOWS = re.compile(
+    r"[0-9`'\"();,:<>=/*]|\b(all|as|at|before|by|after|bytes?|degrees?|each|else|empty|every|for|from|"
+    r'first|if|instead|kg|last|lines?|lower|may|metres?|ms|must|nanoseconds?|newest|no|None|not|Hz|'
+    r'oldest|only|or|order|ordered|other|parts?|per|pixels?|radians?|relative|absolute|same|seconds?|'
+    r'sorted|that|to|units?|unless|until|upper|when|where|whether|which|while|with|without)\b')
 _LICENCE_END = 'limitations under the License.\n'
 
 
@@ -100,6 +106,13 @@ def test_code_lines_by_room() -> None:
         rooms[folder[0] if folder else ''] += code_lines(path)
     assert {room: lines for room, lines in rooms.items() if lines > BUDGET.get(room, 0)} == {}
     assert sum(BUDGET.values()) - sum(rooms.values()) < 300, 'take what a room gave back off'
+
+
+def test_parameters_are_described_by_more_than_their_name() -> None:
+    empty = [f'{path}: {text[0].strip()}' for path, source in SOURCES.items()
+             for text in re.finditer(r'^( *):param \w+: (.*)$(?!\n\1 )', source, re.MULTILINE)
+             if not KNOWS.search(text[2].rstrip('.'))]
+    assert empty == [], 'leave them out, or add a unit, a range or what a special value means'
 
 
 def test_modules_have_at_most_500_lines() -> None:

@@ -58,7 +58,6 @@ def check_device(device: Path) -> None:
     """
     Check that a path is a V4L2 device.
 
-    :param device: path of the device.
     :raises UnavailableError: the path does not exist.
     :raises CaptureError: the path is another kind of file.
     """
@@ -83,7 +82,6 @@ def list_cameras(folder: Path = Path('/dev')) -> list[Path]:
 
     A device that cannot be opened, for example for lack of permission, is included.
 
-    :param folder: folder of the devices.
     :returns: paths in natural order: ``video2`` before ``video10``.
     """
     cameras = []
@@ -172,7 +170,6 @@ class CameraSource:
         Open a camera and start streaming.
 
         :param device: path such as ``/dev/video0``, or a link below ``/dev/v4l/by-id``.
-        :param request: requested settings.
         :raises UnavailableError: the camera is disconnected, busy, or the user has no permission.
         :raises CaptureError: the device is not a camera, or has no supported pixel format.
         """

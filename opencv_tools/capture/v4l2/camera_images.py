@@ -126,7 +126,6 @@ class CameraImages:
 
         :param device: device that sends images.
         :param pixel_format: format of the pixels.
-        :param mode: size of the images.
         :param step: bytes of a row; 0 if it is unknown.
         """
         self.missed = 0
@@ -205,7 +204,6 @@ def camera_reader(
 
     :param device: device of the camera, with this mode.
     :param pixel_format: format of the pixels.
-    :param mode: size of the images.
     :param step: bytes of a row; 0 if it is unknown.
     """
     if pixel_format.encoding == VIDEO:

@@ -50,9 +50,6 @@ class Control:
 
     :param name: name from the driver, in lower case with underscores.
     :param number: V4L2 control ID.
-    :param kind: type of the value.
-    :param minimum: smallest value.
-    :param maximum: largest value.
     :param step: difference between neighbouring values; may be 0.
     :param default: the driver's default value.
     :param choices: value and text of each menu entry; empty unless the control is a menu.
@@ -81,7 +78,6 @@ def list_controls(fd: int) -> Iterator[Control]:
 
     Subscribes to the changes of each control, which ``changed_controls`` then yields.
 
-    :param fd: descriptor of an open device.
     :raises OSError: the device is disconnected.
     """
     query = videodev2.v4l2_query_ext_ctrl(id=videodev2.V4L2_CTRL_FLAG_NEXT_CTRL)

@@ -83,7 +83,6 @@ class VideoDevice:
         """
         Open a device.
 
-        :param path: path of the device.
         :raises OSError: the device cannot be opened; ENOTTY when it is not a V4L2 device.
         """
         self._lock = RLock()
@@ -139,7 +138,6 @@ class VideoDevice:
         """
         Request a format.
 
-        :param mode: format and size.
         :returns: the mode that the device has set, which may differ, and the bytes from the start
             of one line to the start of the next.
         :raises OSError: EBUSY when another program streams.
@@ -195,7 +193,6 @@ class VideoDevice:
         """
         Map the buffers, queue them and start streaming.
 
-        :param buffers: requested number of buffers.
         :raises OSError: EBUSY when another program streams.
         """
         with self._opened() as fd:

@@ -83,7 +83,6 @@ def list_modes(fd: int, buffer_type: int, near: tuple[int, int]) -> Iterator[Mod
     """
     Yield the formats and sizes of an open device.
 
-    :param fd: descriptor of the device.
     :param buffer_type: ``V4L2_BUF_TYPE_VIDEO_CAPTURE`` or ``V4L2_BUF_TYPE_VIDEO_CAPTURE_MPLANE``.
     :param near: width and height in pixels; for a format with a range of sizes, only the size
         nearest to ``near`` is yielded.
@@ -104,8 +103,6 @@ def list_rates(fd: int, mode: Mode) -> Iterator[float]:
 
     Yields both ends of a range of rates, and nothing when the device does not report rates.
 
-    :param fd: descriptor of the device.
-    :param mode: format and size.
     :raises OSError: the device is disconnected.
     """
     for index in itertools.count():
@@ -159,7 +156,6 @@ def choose_mode(
     is chosen if it is requested, or the only format.
 
     :param modes: modes that the camera supports.
-    :param request: requested settings.
     :param rates: function that returns the rates of a mode in Hz; empty when the camera does not
         report them.
     :returns: the mode, or None when the camera supports no known pixel format.

@@ -234,8 +234,6 @@ def try_ioctl(fd: int, request: int, argument: ctypes.Structure) -> bool:
     """
     Send a request that a device may not support, such as for one entry of a list.
 
-    :param fd: descriptor of the device.
-    :param request: number of the request.
     :param argument: argument of the request; the kernel writes the answer to it.
     :returns: False when the device has no such entry, or does not support the request.
     :raises OSError: the device rejects the request for another reason.

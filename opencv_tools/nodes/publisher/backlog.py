@@ -56,7 +56,6 @@ class Backlog:
         """
         Create an empty backlog.
 
-        :param publishers: publishers of the frame topics.
         :param clock: monotonic clock in seconds.
         :param sleep: waits for a number of seconds of that clock.
         """

@@ -33,7 +33,6 @@ def read_camera_info(
     """
     Read a calibration file of camera_calibration or camera_calibration_parsers.
 
-    :param path: path of the YAML file.
     :param warn: called with a sentence for each assumption about a missing value.
     :returns: the calibration, with an empty header.
     :raises CameraInfoError: the file cannot be read or has another format.
@@ -50,9 +49,7 @@ def write_camera_info(
 
     An existing file is replaced only if it is a calibration.
 
-    :param path: path of the YAML file.
     :param info: calibration to write.
-    :param name: name of the camera.
     :param ros_home: folder below which missing folders are created; None for none.
     :raises CameraInfoError: the calibration is invalid, the existing file is not a calibration,
         or the file cannot be written.

@@ -142,7 +142,6 @@ def resolve_url(url: str, name: str) -> Path:
 
     :param url: ``file:///path``, ``package://package/path`` or a path; ``${NAME}`` and
         ``${ROS_HOME}`` are replaced.
-    :param name: name of the camera.
     :returns: path of the file, which may not exist.
     :raises CameraInfoError: the URL does not name a file.
     """
@@ -242,7 +241,6 @@ class Calibration:
 
     :param url: URL of the file, see ``resolve_url``; '' for ``DEFAULT_URL``, where the file may
         be missing.
-    :param name: name of the camera.
     :param warn: called with a sentence for each problem.
     """
 
@@ -272,7 +270,6 @@ class Calibration:
         """
         Return the message for an image.
 
-        :param header: header of the image.
         :param width: width of the image in pixels.
         :param height: height of the image in pixels.
         :param flip: mirroring of the image, see ``orient``.
@@ -336,7 +333,6 @@ def create_camera_info_service(
     Create the service ``set_camera_info``, which saves and publishes a new calibration.
 
     :param calibration: calibration to replace.
-    :param settings: returns the present values of the parameters.
     """
     log = Log(node.get_logger())
 

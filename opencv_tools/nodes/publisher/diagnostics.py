@@ -33,13 +33,11 @@ class SourceStatus:
     """
     Status of a source.
 
-    :param source: name of the source.
     :param description: negotiated format; '' while the source is closed.
     :param unavailable_reason: reason why the source is unavailable; '' while it is open or paused.
     :param paused: whether capturing is paused.
     :param missed: number of camera frames that were not read in time.
     :param dropped: number of frames that could not be read or published.
-    :param reconnects: number of reconnects.
     :param awaited: number of subscribers to wait for before the first frame; 0 after the wait.
     """
 
@@ -57,11 +55,6 @@ class Diagnostics:
     """Publish the status of a source; frames are counted on any thread."""
 
     def __init__(self, node: Node, source_status: Callable[[], SourceStatus]) -> None:
-        """
-        Start publishing.
-
-        :param source_status: returns the status of the source.
-        """
         self._node = node
         self._source_status = source_status
         self._lock = threading.Lock()

@@ -61,9 +61,6 @@ class ImageTopics:
         """
         Create the publishers.
 
-        :param topic: name of the image topic.
-        :param calibration: calibration of the camera.
-        :param fastdds: result of the configuration of Fast DDS.
         :param subscribers: number of subscribers to wait for before the first frame.
         :param video: settings of the video topics; None for no such topics.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
@@ -135,8 +132,6 @@ class ImageTopics:
         Publish a frame on each topic with subscribers, the rectified one last.
 
         :param output: frame to publish.
-        :param stamp: stamp of the messages.
-        :param frame_id: coordinate frame of the camera.
         :param is_live: whether a subscriber that is late loses frames; the publisher of a file
             waits for it.
         :returns: whether any topic has a subscriber; for a frame that is not due, whether its

@@ -114,8 +114,6 @@ class PublishLoop:
         Create a loop that has not opened its source yet.
 
         :param settings: values of the parameters; ``apply_changes`` replaces them.
-        :param topics: topics of the frames.
-        :param controls: controls of the camera.
         """
         self.settings = settings
         self._node = node

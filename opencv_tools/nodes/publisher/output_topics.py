@@ -42,7 +42,6 @@ def raw_message(
     Return a message, and the lent memory that the last conversion has written to.
 
     :param output: image to publish.
-    :param header: header of the message.
     :param lend: lends memory that subscribers read.
     :raises ImageError: the image cannot be decoded or converted.
     """
@@ -63,7 +62,6 @@ def compressed_message(output: OutputImage, header: WireHeader) -> bytes:
     Return the CDR of a message with the JPEG of an image.
 
     :param output: image to publish.
-    :param header: header of the message.
     :raises ImageError: the image cannot be decoded or converted.
     """
     data, format_text = output.jpeg
@@ -81,10 +79,7 @@ class OutputTopics:
         """
         Create the publishers.
 
-        :param topic: name of the image topic.
-        :param info_topic: name of the topic of the calibration.
         :param video: settings of the video topics; None for no such topics.
-        :param backlog: counts the messages.
         :param check_room: called with the bytes of each image message.
         :raises ParameterError: the ``qos_overrides`` parameters of a topic cannot be used.
         """
@@ -121,8 +116,6 @@ class OutputTopics:
         Publish an image on each topic with subscribers, raw pixels first because they are fast.
 
         :param output: image to publish.
-        :param header: header of the messages.
-        :param camera_info: returns the calibration.
         :param is_live: whether a subscriber that is late loses frames.
         :returns: whether any topic has a subscriber.
         :raises ImageError: the image cannot be decoded or converted.
@@ -139,8 +132,6 @@ class OutputTopics:
 
         It is decoded if somebody receives images, because the next image needs it.
 
-        :param output: image of the packet.
-        :param header: header of the messages.
         :param needs_image: whether the image is needed for other topics as well.
         :returns: whether the packet was published.
         :raises ImageError: the packet cannot be decoded.

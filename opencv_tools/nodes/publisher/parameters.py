@@ -248,11 +248,7 @@ class PublisherSettings(NodeSettings):
             raise ParameterError(f'parameter video_{err}') from err
 
     def camera_request(self, controls: tuple[tuple[str, int], ...] = ()) -> CameraRequest:
-        """
-        Return the request to a camera.
-
-        :param controls: names and values of camera controls.
-        """
+        """Return the request to a camera."""
         return CameraRequest(
             width=self.width, height=self.height, fps=self.fps, fourcc=self.fourcc,
             encoding=self.encoding, controls=controls)

@@ -68,7 +68,6 @@ def playback_qos(topic: BagTopic, count: int) -> QoSProfile:
     DDS does not announce how many these are; then it gets all, at most 1000.
 
     :param topic: topic with the quality of service of its recorded publishers.
-    :param count: number of messages of the topic in the bag.
     """
     offers = read_offered_qos(topic.qos) or [OfferedQos()]
     is_latched = max(offer.durability for offer in offers) == _TRANSIENT_LOCAL
@@ -236,8 +235,6 @@ class _Playback:
     """
     A topic that is published.
 
-    :param publisher: its publisher.
-    :param message_class: class of the messages.
     :param definition: text of their type; '' if the bag has none.
     :param is_latched: whether late subscribers get the last messages.
     """

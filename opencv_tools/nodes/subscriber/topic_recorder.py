@@ -179,7 +179,6 @@ class LeftOutTopics:
     """
 
     def __init__(self, log: Log) -> None:
-        """Begin without topics."""
         self._log = log
         self._publishers: dict[str, frozenset[bytes]] = {}
         self._logged = 0
@@ -197,10 +196,7 @@ class LeftOutTopics:
         """
         Add a topic.
 
-        :param name: name of the topic.
-        :param publishers: identifiers of its publishers.
         :param shown: what is not recorded, for the log.
-        :param reason: why.
         """
         if self.has(name, publishers):
             return

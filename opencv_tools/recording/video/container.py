@@ -92,7 +92,6 @@ class ContainerFormat:
     """
     A format of video files.
 
-    :param name: name of the format in FFmpeg.
     :param ticks: resolution of times, in ticks per second.
     :param longest: longest gap between two frames, in seconds.
     :param per_packet: upper bound of the bytes that FFmpeg writes in addition to a packet.
@@ -100,7 +99,6 @@ class ContainerFormat:
     :param per_group: the same at the end of the file, for each group of packets.
     :param per_tick: the same at the end of a file with a packet for each tick.
     :param lag: number of latest packets that a write does not include.
-    :param options: options of FFmpeg.
     """
 
     name: str
@@ -169,7 +167,6 @@ class VideoStream(ABC, Generic[V]):
         Return the packets that are complete.
 
         :param prepared: the next frame; None at the end.
-        :param pts: its time in ticks.
         """
 
 
@@ -183,7 +180,6 @@ class VideoFile(Generic[V]):
         Create the file.
 
         :param path: path of the file; its extension, one of ``VIDEO_FORMATS``, selects the format.
-        :param stream: stream of the file.
         :param time_ns: start time of the video in nanoseconds, stored in the comment of the file.
         :param room: asked before each frame that is written.
         :raises FileExistsError: the file exists; it is not changed.

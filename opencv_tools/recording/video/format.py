@@ -54,7 +54,6 @@ class PreparedPacket(Prepared):
     """
     A packet for a video.
 
-    :param packet: the packet.
     :param sets: its parameter sets; b'' if a video cannot begin with it.
     """
 
@@ -148,7 +147,6 @@ class PacketOrder:
     """
 
     def __init__(self) -> None:
-        """Create an order without packets."""
         self._last = b'', 0  # publisher and number
         self._needs_key = True
 
@@ -189,11 +187,6 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     """Write frames to videos, which always play."""
 
     def __init__(self, settings: EncoderSettings) -> None:
-        """
-        Create the format.
-
-        :param settings: format and encoder settings of the videos.
-        """
         self._settings = settings
         self._size = (0, 0)
         self._changes = 0  # of the size

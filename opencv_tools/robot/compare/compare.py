@@ -74,7 +74,6 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
         compared, in addition to zero. Poses are relative to the first root link of both robots.
     :param tolerance: greatest difference of lengths in metres, angles in radians and other numbers
         up to 1. It is relative for larger numbers, for masses and for moments of inertia.
-    :param seed: seed of the random positions.
     :param everything: whether all other elements are compared too, such as friction, sensors and
         plugins, and the presence of frames.
     :raises DescriptionError: the frames or mimics of a robot have a cycle, or poses are too large.

@@ -49,7 +49,6 @@ class _Panel:
     """
     One convention, with all points projected.
 
-    :param frames: poses of the frames in the model.
     :param arrows: arrows from a frame of reference to the placed frame.
     :param offsets: lines from a joint to its link.
     """

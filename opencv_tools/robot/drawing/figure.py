@@ -51,7 +51,6 @@ def save(path: str, draw: Callable[[], Any]) -> None:
     Write a picture to a PNG or SVG file atomically.
 
     :param path: file name with the suffix of its format.
-    :param draw: returns the figure.
     :raises DescriptionError: the suffix is not supported, matplotlib is not installed, or the
         file cannot be written.
     """

@@ -145,9 +145,7 @@ class Column:
         """
         Place the texts and draw their lines.
 
-        :param x: edge of the column beside the drawing.
         :param side: -1 for a column left of the drawing, 1 for a column right of it.
-        :param ends: bottom and top of the column.
         :param scale: inches for each unit of the axes.
         """
         middles = _spread([entry.point[1] for entry in self._entries],

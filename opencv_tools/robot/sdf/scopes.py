@@ -36,7 +36,6 @@ class Scope:
     A model in which names are looked up: the robot itself, or a model nested in it.
 
     :param prefix: prefix of its names in the robot; empty, or ending in ``::``.
-    :param frame: the model frame.
     :param parent: the enclosing model; None for the robot.
     :param nested: the models directly inside, in the order of the file.
     """

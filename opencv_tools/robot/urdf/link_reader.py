@@ -41,8 +41,6 @@ def shapes_of(element: TrackedElement, tag: str, link_frame: FrameId, materials:
     Read each ``<visual>`` or ``<collision>`` of a link, and those that the URDF writer preserved.
 
     A shape without a geometry of URDF is skipped; it stays among what is unread of the link.
-
-    :param link_frame: the frame of the link in URDF.
     """
     link, shapes = required_name(element), []
     for child in element.take_all(tag, f'{SDF_TAG}{tag}'):

@@ -45,7 +45,6 @@ def robot_document(robot: Robot, meshes: MeshFiles) -> Document:
     """
     Return a robot with everything that the page draws.
 
-    :param meshes: receives the files of the meshes.
     :returns: a value for `json.dumps`. A transform is the rotation matrix in row-major order and
         the translation. ``step`` of a joint is its frame at zero in the parent link,
         ``child_step`` the child link in that frame, and ``pose`` of a root link its pose in the
@@ -198,7 +197,6 @@ def _ellipsoid(inertial: Inertial, pose: Transform) -> Document | None:
 
     A principal moment of an ellipsoid is mass / 5 * (the sum of the squares of both other radii).
 
-    :param pose: pose of the inertial in its link.
     :returns: the three ``radii`` in metres, and the ``pose`` of the ellipsoid in the link.
     """
     largest = max(map(abs, inertial.inertia))

@@ -286,7 +286,6 @@ class PackageMeshes(MeshFiles):
     """
 
     def __init__(self) -> None:
-        """Create an empty collection."""
         super().__init__()
         self._read: set[Path] = set()  # folders of packages from which a mesh was read
 

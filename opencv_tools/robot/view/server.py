@@ -53,7 +53,6 @@ class Site:
     """The newest robot, and its number."""
 
     def __init__(self, options: ViewOptions) -> None:
-        """Read the robot; an error is shown on the page."""
         self._options = options
         self._change = asyncio.Event()
         self.page = read_page()

@@ -55,8 +55,6 @@ def page_policy(*, own: str = '', scripts: str = '', style: str = '', sockets: s
     :param own: ``'self'`` if a server has the files of the page, else ''.
     :param scripts: other scripts than own ones.
     :param style: other style than the own one.
-    :param sockets: addresses of WebSockets.
-    :param forms: addresses of forms.
     """
     return (f"default-src 'none'; script-src {own}{scripts}; style-src {own}{style}; "
             f'img-src {own} data: blob:; connect-src {own} data: blob:{sockets}; '

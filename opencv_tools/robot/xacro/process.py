@@ -53,7 +53,6 @@ class Limits:
     Limits of the process.
 
     :param memory: address space in bytes, including Python and its modules.
-    :param seconds: processor time.
     :param wait: elapsed time in seconds.
     :param grace: seconds beyond both times in which the process can report its location.
     """

@@ -44,7 +44,6 @@ class Note:
     A change that a conversion made to an element.
 
     :param level: ``PRESERVED`` or ``LOSSY``.
-    :param element: tag of the element.
     :param name: name of the element or of its nearest owner; empty if neither has a name.
     :param line: line in the file; 0 if it is unknown.
     """

@@ -48,12 +48,9 @@ class Announcement:
     Where the frames of a publisher are.
 
     :param service: name of the service; '' if the publisher has stopped sharing.
-    :param boot: identifier of the running kernel.
     :param memory: device number of /dev/shm, which differs between containers.
-    :param user: user identifier of the publisher.
     :param publisher: identifier of the publisher of the image topic, 32 hexadecimal digits.
     :param frames: number of frames published until now.
-    :param messages: how many of them are messages of the image topic.
     """
 
     service: str

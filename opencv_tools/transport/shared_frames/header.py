@@ -70,7 +70,6 @@ def publisher_identity(publisher: bytes, topic: str) -> bytes:
     """
     Return what each shared frame repeats of its publisher and topic.
 
-    :param publisher: identifier of the publisher of the image topic.
     :param topic: name of the image topic after remapping.
     """
     return hashlib.blake2b(publisher + topic.encode(), digest_size=IDENTITY_SIZE).digest()

@@ -113,7 +113,6 @@ class FrameMemory:
         """
         Open a reader of a writer of the same user on the same machine.
 
-        :param service: name of the service of the writer.
         :param depth: number of frames that may wait, 1 to ``MAX_DEPTH``.
         :param max_views: number of received frames that may stay in the shared memory.
         :raises SharedMemoryError: there is no such writer, it has its most readers already,

@@ -65,11 +65,6 @@ class SharedFramePublisher:
     """
 
     def __init__(self, node: Node, images: Publisher) -> None:
-        """
-        Create the publisher of the announcement.
-
-        :param images: publisher of the image topic.
-        """
         self._node = node
         self._images = images
         #: Waits for readers without room; set before the first frame if frames can wait. Without
@@ -125,7 +120,6 @@ class SharedFramePublisher:
         """
         Publish a frame.
 
-        :param image: the frame.
         :param is_message: whether to publish it on the image topic. A frame that finds no room in
             shared memory is published there too.
         :param slot: lent memory that has the pixels of the frame; None to copy them. No other view

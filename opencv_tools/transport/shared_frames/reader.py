@@ -34,7 +34,6 @@ class FrameReader:
     def __init__(
         self, memory: ServiceMemory, service: str, depth: int, max_views: int,
     ) -> None:
-        """Open the service; see `FrameMemory.open_reader`."""
         self._memory = memory
         self._max_views = min(max_views, MAX_VIEWS)
         self._views: set[int] = set()  # identifiers of the frames that are held
@@ -104,7 +103,6 @@ class _HeldFrame:
     """The memory of a received frame; it is returned to the writer with the last view of it."""
 
     def __init__(self, subscriber: Any, sample: Any, views: set[int]) -> None:
-        """Hold the sample, and its subscriber, which would return the sample when it is gone."""
         self._held = subscriber, sample
         self._views = views
         views.add(id(self))

@@ -33,7 +33,6 @@ class _LoanedMemory:
     """The memory of a slot, which returns to the writer with the last view of it."""
 
     def __init__(self, sample: Any, pixels: Pixels) -> None:
-        """Hold the sample, without which the memory would be lent again or unmapped."""
         self._sample = sample
         self.__array_interface__ = {
             'shape': pixels.shape, 'typestr': '|u1', 'data': (pixels.ctypes.data, False),
@@ -44,7 +43,6 @@ class Slot:
     """Memory for one frame, lent by a writer and returned to it if it is not published."""
 
     def __init__(self, writer: FrameWriter, sample: Any, size: int) -> None:
-        """Create a view of the lent memory."""
         self.writer = writer
         self._sample = sample
         self._payload = _as_array(sample.payload_ptr, sample.payload().len())
@@ -92,7 +90,6 @@ class FrameWriter:
     def __init__(
         self, memory: ServiceMemory, service: str, frame_bytes: int, overwrites: bool,
     ) -> None:
-        """Create the service; see `FrameMemory.create_writer`."""
         self.service = service
         self._memory = memory
         self._largest = frame_bytes + self._TEXT_BYTES

@@ -48,7 +48,6 @@ class ThoroughPace:
     """The times of thorough searches, which find why there is no board."""
 
     def __init__(self) -> None:
-        """Start with a search that is due."""
         self._due = 0.0
 
     def is_due(self, now: float) -> bool:
@@ -132,7 +131,6 @@ class BoardSearch:
         """
         Begin to search.
 
-        :param stream: images of the topic.
         :param session: session that gets the boards.
         :param thread: the thread that searches.
         :param is_watched: returns whether somebody looks.

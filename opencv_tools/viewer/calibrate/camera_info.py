@@ -66,9 +66,7 @@ async def set_camera_info(
     """
     Set the calibration of the camera of an image topic.
 
-    :param topic: name of the image topic.
     :param nodes: full names of the nodes that publish it; no other node is called.
-    :param info: calibration of the published images.
     :returns: name of the service, and its message.
     :raises RequestError: there is not one such service, or the node has refused.
     """

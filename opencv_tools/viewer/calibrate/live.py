@@ -145,9 +145,7 @@ class LiveCalibration:
         """
         Start a session without a board.
 
-        :param stream: images of the topic.
         :param searcher: the thread that searches.
-        :param camera: node of the camera.
         """
         self.stream = stream
         self.session = Session()
@@ -192,7 +190,6 @@ class LiveCalibration:
         """
         Begin to solve.
 
-        :param model: distortion model.
         :raises CalibrationError: there is no such model, or there are too few views.
         """
         def begin() -> Coroutine[Any, Any, str]:

@@ -49,7 +49,6 @@ class MessageBudget:
     """Messages that a page may send: 100 at once, and 10 each second."""
 
     def __init__(self) -> None:
-        """Begin with all that may be sent at once."""
         self._left = _MOST
         self._seconds = 0.0
 
@@ -162,7 +161,6 @@ def board_file(text: str, kind: str) -> tuple[bytes, str]:
     """
     Return a board for a printer.
 
-    :param text: description of the board.
     :param kind: ``pdf`` or ``svg``.
     :returns: the content, and its type for HTTP.
     :raises RequestError: there is no such board or format.
@@ -177,11 +175,7 @@ def board_file(text: str, kind: str) -> tuple[bytes, str]:
 
 
 def camera_file(calibration: Calibration, name: str) -> bytes:
-    """
-    Return the content of a calibration file.
-
-    :param name: name of the camera.
-    """
+    """Return the content of a calibration file."""
     with TemporaryDirectory() as folder:
         path = Path(folder, 'camera.yaml')
         write_camera(path, stored_camera(calibration), name)

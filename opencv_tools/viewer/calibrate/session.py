@@ -33,10 +33,7 @@ class Result:
     """
     A calibration that was solved.
 
-    :param calibration: lens and errors.
-    :param verdict: verdict on the lens.
     :param numbers: numbers of the views, in the order of ``calibration.view_errors``.
-    :param number: number of the result among those of the topic.
     """
 
     calibration: Calibration

@@ -146,7 +146,6 @@ class NodeCamera:
     """The node that publishes a topic. It implements ``Camera``."""
 
     def __init__(self, hub: Hub, topic: str) -> None:
-        """Create an object; no node is called yet."""
         self._hub = hub
         self._topic = topic
         self._former: Former | None = None  # None before a calibration was saved
@@ -207,7 +206,6 @@ class Calibrations:
     """
 
     def __init__(self, hub: Hub, log: Log) -> None:
-        """Create an object without sessions."""
         self._hub = hub
         self._log = log
         self._loop = asyncio.get_running_loop()

@@ -51,7 +51,6 @@ class Solver:
     """A process that solves one calibration."""
 
     def __init__(self) -> None:
-        """Create an object without a process."""
         self._process: Process | None = None
 
     async def solve(

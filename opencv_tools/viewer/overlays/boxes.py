@@ -47,7 +47,6 @@ class Box:
 
     :param place: column and row of its middle, width, height, and angle in radians from the
         columns to the rows.
-    :param label: class and score of the best result.
     """
 
     place: tuple[float, float, float, float, float]

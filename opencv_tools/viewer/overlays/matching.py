@@ -170,11 +170,7 @@ class MatchedFrames:
             self._task = asyncio.ensure_future(self._read_all())
 
     def describe(self, number: int) -> str:
-        """
-        Return what is drawn over a picture, or why nothing is.
-
-        :param number: number of its frame.
-        """
+        """Return what is drawn over a picture, or why nothing is."""
         topic, source = printable(self._source.key[0]), self._source
         if source.refusal or source.problem:
             return source.refusal or f'a message of {topic} is left out: {source.problem}'

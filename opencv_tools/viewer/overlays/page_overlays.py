@@ -51,8 +51,6 @@ class CameraOverlay:
         """
         Create an overlay that was not sent yet.
 
-        :param source: calibration of the camera.
-        :param topic: name of the image topic.
         :param size: returns width and height of its images; None before the first one.
         :param post: sends a message to the page.
         """
@@ -136,7 +134,6 @@ class _Drawn:
     Boxes over the pictures of a topic.
 
     :param source: messages with boxes.
-    :param frames: frames of the pictures.
     """
 
     source: BoxSource

@@ -47,7 +47,6 @@ class Source:
     """
 
     def __init__(self, key: OverlayKey) -> None:
-        """Create a source without messages."""
         self.key = key
         #: Functions that are called after each message.
         self.watchers: set[Callable[[], object]] = set()
@@ -89,7 +88,6 @@ class Detections:
     """
     A message with boxes.
 
-    :param header: its header.
     :param data: its bytes.
     :param boxes: its boxes; None if they were not read yet, or cannot be.
     :param is_read: whether they were read.
@@ -105,7 +103,6 @@ class BoxSource(Source):
     """The newest messages with boxes, by their stamps."""
 
     def __init__(self, key: OverlayKey) -> None:
-        """Create a source without messages."""
         super().__init__(key)
         #: The newest message; None before the first one.
         self.newest: Detections | None = None
@@ -164,7 +161,6 @@ class OverlaySources:
         Create an object that reads nothing.
 
         :param topics: topics of overlays, used in the executor.
-        :param calls: calls in the executor.
         """
         self._topics = topics
         self._calls = calls

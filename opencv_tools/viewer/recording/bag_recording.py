@@ -48,7 +48,6 @@ class BagRecording:
         """
         Begin without topics.
 
-        :param sink: sink of the bag.
         :param on_full: called in the thread when the disk has too little space.
         """
         self.began = time.monotonic()

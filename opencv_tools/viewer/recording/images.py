@@ -59,7 +59,6 @@ class RecordedImages:
         """
         Subscribe.
 
-        :param topic: topic of the frames.
         :param on_frame: called with each frame, as it was received.
         :param on_message: called with each camera_info, as it was received.
         :raises ParameterError: the topic cannot be subscribed to.

@@ -53,7 +53,6 @@ class SavedFrames:
     """
     What has become of the frames.
 
-    :param written: number of frames in the bag.
     :param name: name of the bag; '' without one.
     :param problem: why frames are missing, as a sentence; '' if none is.
     """
@@ -135,7 +134,6 @@ class BagFolder:
         """
         Create the sink of a bag, which is named by the local time and begins with the first frame.
 
-        :param ending: end of the name.
         :raises RecordingError: the folder cannot be used, or the disk has too little space.
         """
         sink = self._open(time.strftime('%Y-%m-%d_%H-%M-%S') + ending)
@@ -161,7 +159,6 @@ async def in_thread(node: Node, log: Log, work: Callable[[], _T]) -> _T:
     """
     Return the result of work in a thread, in a coroutine of the executor.
 
-    :param node: node of the executor.
     :raises RequestError: a folder cannot be used; the reason is logged as well.
     """
     future = Future(executor=node.executor)
@@ -223,7 +220,6 @@ class PageRecorder:
         """
         Open the folder.
 
-        :param record_dir: folder of the bags.
         :param start: runs a coroutine in the executor; thread-safe.
         :raises RecordingError: the folder cannot be used.
         """
@@ -270,7 +266,6 @@ class PageRecorder:
         """
         Write the frames that are in memory to a bag, as a page requests.
 
-        :param wanted: numbers of the topics.
         :returns: the answer for the page.
         :raises RequestError: the request is invalid, or the folder cannot be used.
         """

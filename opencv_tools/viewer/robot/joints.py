@@ -28,14 +28,7 @@ from opencv_tools.robot.pose import Matrix, normalised, Transform, Vector
 
 @dataclass(frozen=True, kw_only=True)
 class LiveJoint:
-    """
-    A joint of the robot.
-
-    :param number: number in the document of the page.
-    :param links: names of the parent link and of the child link.
-    :param step: frame of the joint at zero in the parent link.
-    :param child_step: child link in the frame of the joint.
-    """
+    """A joint of the robot."""
 
     number: int
     name: str

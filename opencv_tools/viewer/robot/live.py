@@ -49,7 +49,6 @@ class Positions:
     """Newest position of each joint that has one, by its number."""
 
     def __init__(self, joints: Iterable[LiveJoint] = ()) -> None:
-        """Create positions of joints, of which none is known."""
         joints = [*joints]
         self._by_name = {one.name: one for one in joints if one.kind in _ONE_NUMBER}
         self._by_links = {one.links: one for one in joints}
@@ -236,7 +235,6 @@ class LiveRobots:
         Create an object without a robot.
 
         :param topics: topics of the robot, used in the executor.
-        :param calls: calls in the executor.
         """
         self._hub = hub
         self._topics = topics

@@ -52,7 +52,6 @@ class LiveRobot:
     :param body: document of `robot.view.untrusted.text_content` as JSON.
     :param meshes: file, size and media type of each mesh, in the order of the document; None for
         no file.
-    :param joints: movable joints.
     """
 
     body: bytes

@@ -52,7 +52,6 @@ class RobotState:
     Publishers of the topics of the robot.
 
     :param topics: names of ``robot_description`` and ``joint_states`` after remapping.
-    :param publishers: numbers of their publishers.
     :param is_kept: whether a publisher of ``robot_description`` keeps its text for the node.
     """
 
