@@ -26,7 +26,7 @@ from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, run
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.remedies import installation
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
@@ -60,7 +60,7 @@ class ImageViewer(ClosableNode):
             self, settings.record_dir, lambda work: calls.start(work, lambda _: None), log,
         ) if settings.record_dir else None
         self._graph = Graph(self, settings.patterns, settings.transport, log,
-                            Control(self, self._recorder) if settings.control else None)
+                            CameraControl(self, self._recorder) if settings.control else None)
         self._server = ViewerServer(
             settings, self.get_fully_qualified_name(), self._graph, calls, log, self._fail)
         warn_unknown_parameters(self, PARAMETERS, log)

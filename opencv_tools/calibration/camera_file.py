@@ -56,7 +56,7 @@ class CameraInfoError(ValueError):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Region:
+class ImageRegion:
     """Region of interest of CameraInfo, in pixels."""
 
     x_offset: int = 0
@@ -90,7 +90,7 @@ class StoredCamera:
     p: tuple[float, ...]
     binning_x: int = 0
     binning_y: int = 0
-    roi: Region = field(default_factory=Region)
+    roi: ImageRegion = field(default_factory=ImageRegion)
 
 
 def check_camera_name(name: str) -> None:
@@ -253,13 +253,13 @@ def _parse(
     return StoredCamera(
         width=width, height=height, distortion_model=model, binning_x=binning[0],
         binning_y=binning[1], **matrices,
-        roi=_region(document, width, height) if 'roi' in document.root else Region())
+        roi=_region(document, width, height) if 'roi' in document.root else ImageRegion())
 
 
-def _region(document: _Document, width: int, height: int) -> Region:
+def _region(document: _Document, width: int, height: int) -> ImageRegion:
     left = document.whole('roi.x_offset', 0, width)
     top = document.whole('roi.y_offset', 0, height)
-    return Region(
+    return ImageRegion(
         x_offset=left, y_offset=top, width=document.whole('roi.width', 0, width - left),
         height=document.whole('roi.height', 0, height - top),
         do_rectify=document.get('roi.do_rectify', _BOOLEANS.__getitem__, 'true or false'))

@@ -50,10 +50,10 @@ def main(
     """
     options = _parser().parse_args(argv)
     open_standard_streams()
-    from opencv_tools.calibration.command import calibrate, Request
+    from opencv_tools.calibration.command import calibrate, CalibrateRequest
     try:
         sources = vars(options).pop('sources')
-        return calibrate(Request(
+        return calibrate(CalibrateRequest(
             source=sources[0] if sources else '', source_count=len(sources), **vars(options)),
             search_topics)
     except ValueError as err:

@@ -133,7 +133,7 @@ TopicSearch = Callable[[Board, Sequence[str], Log], FoundViews]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class CalibrateRequest:
     """Arguments of the command; '' for those that were not given."""
 
     source: str
@@ -160,7 +160,7 @@ class Request:
         return bool(self.right_topic if self.is_live else self.right)
 
 
-def calibrate(request: Request, search_topics: TopicSearch | None = None) -> int:
+def calibrate(request: CalibrateRequest, search_topics: TopicSearch | None = None) -> int:
     """
     Calibrate or check a camera, or write a board, and print a report.
 
@@ -202,7 +202,7 @@ def calibrate(request: Request, search_topics: TopicSearch | None = None) -> int
 
 
 def _search(
-    request: Request, board: Board, log: Log, search_topics: TopicSearch | None,
+    request: CalibrateRequest, board: Board, log: Log, search_topics: TopicSearch | None,
 ) -> FoundViews:
     if not request.is_live:
         sources = [(request.source, request.topic), (request.right, request.right_topic)]
@@ -217,7 +217,7 @@ def _search(
                            'a source') from err
 
 
-def _check_request(request: Request) -> None:
+def _check_request(request: CalibrateRequest) -> None:
     """
     Check the arguments against each other.
 

@@ -47,9 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return convert_to_dataset(arguments)
     options = _parser().parse_args(arguments)
     open_standard_streams()
-    from opencv_tools.convert.convert import convert, Request
+    from opencv_tools.convert.convert import convert, ConvertRequest
     try:
-        return convert(Request(**vars(options)))
+        return convert(ConvertRequest(**vars(options)))
     except ValueError as err:
         print(f'img_convert: error: {without_password(str(err))}', file=sys.stderr)
         return _USAGE_ERROR

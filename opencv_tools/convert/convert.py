@@ -192,7 +192,7 @@ _QUEUED_BYTES = 1 << 27
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class ConvertRequest:
     """
     Arguments of a conversion.
 
@@ -215,7 +215,7 @@ class Request:
     compressed: str = ''
 
 
-def convert(request: Request) -> int:
+def convert(request: ConvertRequest) -> int:
     """
     Convert the frames of a source to files.
 
@@ -240,7 +240,7 @@ def convert(request: Request) -> int:
     return _EXIT_FAILURE
 
 
-def _check(request: Request) -> FileNames:
+def _check(request: ConvertRequest) -> FileNames:
     """
     Check the arguments that do not need the source.
 
@@ -268,7 +268,7 @@ class _Conversion:
     """A conversion whose source is open."""
 
     def __init__(
-        self, request: Request, names: FileNames, source: Source, log: Log,
+        self, request: ConvertRequest, names: FileNames, source: Source, log: Log,
         is_interrupted: Callable[[], bool],
     ) -> None:
         self._request = request

@@ -51,7 +51,7 @@ from opencv_tools.datasets.videos import VideoFileWriter
 
 
 @dataclass(frozen=True)
-class Camera:
+class WrittenCamera:
     """
     The frames of a camera that were written.
 
@@ -87,7 +87,7 @@ class Work:
     ended: Event
 
 
-def write_video(work: Work, name: str) -> Camera:
+def write_video(work: Work, name: str) -> WrittenCamera:
     """
     Write the video of a camera, with all episodes one after the other.
 
@@ -123,7 +123,7 @@ def write_video(work: Work, name: str) -> Camera:
         raise
     finally:
         pictures.close()
-    return Camera(size, np.array(shown), np.array(prints), statistics)
+    return WrittenCamera(size, np.array(shown), np.array(prints), statistics)
 
 
 def write_rows(plan: Plan, recording: Recording, episodes: list[Rows], folder: Path, threads: int,
@@ -174,7 +174,7 @@ def write_rows(plan: Plan, recording: Recording, episodes: list[Rows], folder: P
 
 
 def _write_videos(plan: Plan, recording: Recording, episodes: list[Rows], folder: Path,
-                  threads: int) -> dict[str, Camera]:
+                  threads: int) -> dict[str, WrittenCamera]:
     names = [name for name, _ in plan.images]
     work = Work(plan, recording, episodes, folder, threads, Event())
     with ThreadPoolExecutor(max(1, min(threads, len(names)))) as pool:

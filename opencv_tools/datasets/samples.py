@@ -40,7 +40,7 @@ _HEADERS = ('header', 'layout')  # what is not data
 _MOST = 4096  # numbers of a source
 
 
-class MessageReader:
+class NumbersReader:
     """Reader of the messages of a topic."""
 
     def __init__(self, topic: BagTopic) -> None:
@@ -95,7 +95,7 @@ def numbers_of(message: dict[str, Any], source: NumbersSource) -> NDArray[np.flo
     """
     Return the numbers of a message.
 
-    :param message: message as `MessageReader.read` returns it.
+    :param message: message as `NumbersReader.read` returns it.
     :param source: path of the numbers. If it has names, the numbers have their order.
     :returns: (n,) array.
     :raises DatasetError: the numbers, or one of the names, are missing.
@@ -193,7 +193,7 @@ class Samples:
 
     topic: BagTopic
     source: NumbersSource | None = None
-    reader: MessageReader | None = field(default=None, init=False)
+    reader: NumbersReader | None = field(default=None, init=False)
     logs: array[int] = field(default_factory=lambda: array('q'))
     stamps: array[int] = field(default_factory=lambda: array('q'))
     places: array[int] = field(default_factory=lambda: array('q'))
@@ -205,9 +205,9 @@ class Samples:
     damaged: int = 0
 
     def __post_init__(self) -> None:
-        """Read the definition of the messages; see `MessageReader`."""
+        """Read the definition of the messages; see `NumbersReader`."""
         if self.source:
-            self.reader = MessageReader(self.topic)
+            self.reader = NumbersReader(self.topic)
 
     def add(self, item: BagMessage) -> None:
         """
@@ -269,7 +269,7 @@ def first_names(messages: Iterable[BagMessage | Damage], topic: BagTopic, source
 
     :raises DatasetError: there is none, or it has no such numbers.
     """
-    reader = MessageReader(topic)
+    reader = NumbersReader(topic)
     reason = 'has no messages'
     try:
         for item in messages:

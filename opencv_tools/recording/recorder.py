@@ -33,7 +33,7 @@ from opencv_tools.recording.frames import ReceivedFrame
 T = TypeVar('T')
 
 
-class FrameQueue(Generic[T]):
+class WriteQueue(Generic[T]):
     """A bounded queue that drops its oldest item or blocks ``put`` when it is full."""
 
     def __init__(self, size: int, block: bool) -> None:
@@ -208,7 +208,7 @@ class Recorder(Generic[P]):
         self._sink = sink
         self._log = log
         self._on_full = on_full
-        self._queue: FrameQueue[_Job] = FrameQueue(queue_size, block)
+        self._queue: WriteQueue[_Job] = WriteQueue(queue_size, block)
         self._queue_size = queue_size
         self._failure_log = FailureLog(log)
         self._ordering = Lock()

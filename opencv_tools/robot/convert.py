@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from lxml import etree
 from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Frame, FrameId, Inertial, Link, Placement, Robot, Shape
+from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Robot, RobotFrame, Shape
 from opencv_tools.robot.physical import report_inertials, with_physical_inertials
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
@@ -91,10 +91,10 @@ def _hosts(robot: Robot, kinematics: Kinematics) -> dict[str, str]:
 
 
 def _frames_of_lumped(robot: Robot, hosts: Mapping[str, str], kinematics: Kinematics,
-                      report: Report) -> dict[FrameId, Frame]:
+                      report: Report) -> dict[FrameId, RobotFrame]:
     """Return frames in place of the joints and links that vanish, by the frames of those."""
     links = {link.name: link for link in robot.links}
-    found: dict[FrameId, Frame] = {}
+    found: dict[FrameId, RobotFrame] = {}
     # Joints that close a loop may connect two links that are one now.
     for joint in robot.joints:
         if hosts[joint.parent] != hosts[joint.child]:
@@ -104,13 +104,13 @@ def _frames_of_lumped(robot: Robot, hosts: Mapping[str, str], kinematics: Kinema
             f'lumped: both its links are link {host.name!r} now, so it is a frame'
             if joint.is_loop else
             f'lumped: link {joint.child!r} is now a frame of link {host.name!r}'))
-        found[frame] = Frame(
+        found[frame] = RobotFrame(
             name=f'{joint.name}_joint' if joint.name == joint.child else joint.name,
             attached_to=host, placement=Placement(kinematics.between(host, frame), host),
             extension=replace(joint.extension, sdf=None), line=joint.line)
         if not joint.is_loop:
             link = links[joint.child]
-            found[FrameId('link', link.name)] = Frame(
+            found[FrameId('link', link.name)] = RobotFrame(
                 name=link.name, attached_to=host, placement=link.placement,
                 extension=replace(link.extension, sdf=None), line=link.line)
     return found

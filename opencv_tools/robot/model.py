@@ -217,7 +217,7 @@ class Joint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Frame:
+class RobotFrame:
     """A frame beside those of links and joints; it moves with the frame that it is attached to."""
 
     name: str
@@ -227,7 +227,7 @@ class Frame:
     line: int = field(default=0, compare=False)
 
 
-_Placed = TypeVar('_Placed', Shape, Link, Joint, Frame)
+_Placed = TypeVar('_Placed', Shape, Link, Joint, RobotFrame)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,12 +242,12 @@ class Robot:
     name: str
     links: tuple[Link, ...]
     joints: tuple[Joint, ...] = ()
-    frames: tuple[Frame, ...] = ()
+    frames: tuple[RobotFrame, ...] = ()
     canonical_link: str = ''
     extension: Extension = NO_EXTENSION
     source: str = ''
 
-    def frame_owners(self) -> Iterator[tuple[FrameId, Link | Joint | Frame]]:
+    def frame_owners(self) -> Iterator[tuple[FrameId, Link | Joint | RobotFrame]]:
         """Return all links, joints and frames, each with the identifier of its frame."""
         for kind, owners in (('link', self.links), ('joint', self.joints), ('frame', self.frames)):
             for owner in owners:
@@ -256,7 +256,7 @@ class Robot:
     def extension_elements(self) -> Iterator[etree._Element]:
         """Return the XML that the model does not represent, of the robot and of all its parts."""
         shapes = (shape for link in self.links for shape in (*link.visuals, *link.collisions))
-        parts: tuple[Robot | Link | Joint | Frame | Shape, ...] = (
+        parts: tuple[Robot | Link | Joint | RobotFrame | Shape, ...] = (
             self, *self.links, *self.joints, *self.frames, *shapes)
         for extension in (part.extension for part in parts):
             yield from (element for element in (extension.urdf, extension.sdf)

@@ -23,11 +23,11 @@ from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.model import (
-    Axis, Extension, Frame, FrameId, Joint, Link, Robot, Shape, WORLD)
+    Axis, Extension, FrameId, Joint, Link, Robot, RobotFrame, Shape, WORLD)
 from opencv_tools.robot.xml.document import DescriptionError, detached
 from opencv_tools.robot.xml.report import Report
 
-_Named = TypeVar('_Named', Robot, Link, Joint, Frame, Shape)
+_Named = TypeVar('_Named', Robot, Link, Joint, RobotFrame, Shape)
 _Names = Mapping[FrameId, str]
 
 

@@ -25,8 +25,8 @@ from typing import Any
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
-from opencv_tools.viewer.protocol import finite, step_width, ViewOptions, WIDTHS
-from opencv_tools.viewer.rate_limit import RateLimit
+from opencv_tools.viewer.protocol import finite, step_width, ViewRequest, WIDTHS
+from opencv_tools.viewer.rate_limit import EvenRate
 from opencv_tools.viewer.stream import Stream
 
 
@@ -205,7 +205,7 @@ class Channel:
     window = MAX_WINDOW
 
     def __init__(
-        self, stream: Stream, options: ViewOptions, send: Callable[[NewFrame, Picture], int],
+        self, stream: Stream, options: ViewRequest, send: Callable[[NewFrame, Picture], int],
         newest: Callable[[Feed], NewFrame | None] = attrgetter('newest'),
     ) -> None:
         """
@@ -225,7 +225,7 @@ class Channel:
         self._last: tuple[Picture, int] | None = None
         self._last_number = 0
         self._number = 0
-        self._limit = RateLimit(self._loop, self.frame_arrived)
+        self._limit = EvenRate(self._loop, self.frame_arrived)
         self._is_encoding = False
         self._is_closed = False
         #: What the viewer requests.
@@ -234,7 +234,7 @@ class Channel:
         self.frame_arrived()
         stream.watchers.add(self.frame_arrived)
 
-    def set_options(self, options: ViewOptions) -> None:
+    def set_options(self, options: ViewRequest) -> None:
         """Change what the viewer requests, and send the newest frame so."""
         before, self.options = self.options, options
         if replace(before, held=options.held) == options:

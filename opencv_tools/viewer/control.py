@@ -144,7 +144,7 @@ _READING: dict[type, str] = {
 _HIDDEN = ('qos_overrides.', 'start_type_description_service', 'use_sim_time')
 
 
-class Control:
+class CameraControl:
     """
     Call services of cameras and recorders; all methods run in the executor.
 
@@ -302,7 +302,7 @@ class Control:
         return self._clients[name]
 
 
-def recorder_of(control: Control) -> PageRecorder:
+def recorder_of(control: CameraControl) -> PageRecorder:
     """
     Return the recorder of this node.
 

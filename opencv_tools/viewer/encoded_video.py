@@ -30,13 +30,13 @@ from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
 from opencv_tools.viewer.pixels import Pixels, read_pixels
-from opencv_tools.viewer.rate_limit import RateLimit
+from opencv_tools.viewer.rate_limit import EvenRate
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.video_link import SLOW_BIT_RATE
-from opencv_tools.viewer.video_source import PacketReceiver, PublishedVideo, VideoSource
+from opencv_tools.viewer.video_source import PacketReceiver, PacketSource, PublishedVideo
 
 
-class EncodedVideo(VideoSource):
+class EncodedVideo(PacketSource):
     """Encode the newest frame while a page is ready, once for all pages."""
 
     def __init__(self, stream: Stream, rate: float, loop: asyncio.AbstractEventLoop,
@@ -51,7 +51,7 @@ class EncodedVideo(VideoSource):
         self._rate = rate
         self._encoder = VideoStream(settings)
         self._number = self._frame_number = 0
-        self._limit = RateLimit(loop, self._frame_arrived)
+        self._limit = EvenRate(loop, self._frame_arrived)
         self._is_encoding = False
         self._task: asyncio.Task[None] | None = None
         self._refusal = ''
@@ -117,7 +117,7 @@ class EncodedVideo(VideoSource):
 
 
 def video_source(stream: Stream, rate: float, subscribe_again: Callable[[], object],
-                 is_slow: bool) -> VideoSource:
+                 is_slow: bool) -> PacketSource:
     """
     Create the source of the video of a stream.
 

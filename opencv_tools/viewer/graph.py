@@ -29,7 +29,7 @@ from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.video.messages import VIDEO_TOPICS
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.feed import Feed, FeedKey
 from opencv_tools.viewer.overlays.boxes import DETECTIONS
 from opencv_tools.viewer.overlays.topics import OverlayTopics
@@ -153,7 +153,7 @@ class Graph:
     """Find the image topics, and subscribe to those that somebody looks at."""
 
     def __init__(self, node: Node, patterns: Sequence[str], transport: str, log: Log,
-                 control: Control | None) -> None:
+                 control: CameraControl | None) -> None:
         """
         Create a graph without subscriptions.
 

@@ -25,7 +25,7 @@ from functools import partial
 from typing import Any, Protocol, TypeVar
 
 from opencv_tools.logs import Log
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.encoded_video import video_source
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
@@ -34,10 +34,10 @@ from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE, open_again, V
 from opencv_tools.viewer.history import History
 from opencv_tools.viewer.packets import PacketFeed, PACKETS
 from opencv_tools.viewer.parameters import ViewerSettings
-from opencv_tools.viewer.protocol import finite, ViewOptions
+from opencv_tools.viewer.protocol import finite, ViewRequest
 from opencv_tools.viewer.steps import Steps
 from opencv_tools.viewer.stream import Stream, UNUSED_SECONDS
-from opencv_tools.viewer.video_source import VideoSource
+from opencv_tools.viewer.video_source import PacketSource
 
 _T = TypeVar('_T')
 _POLL_SECONDS = 1.0
@@ -86,7 +86,7 @@ class Hub:
         self._connections = 0
         self._streams: dict[FeedKey, Stream] = {}
         # Sources of the streams that pages get as video, for slow links or not.
-        self._videos: dict[tuple[FeedKey, bool], VideoSource] = {}
+        self._videos: dict[tuple[FeedKey, bool], PacketSource] = {}
         self._users: dict[FeedKey, int] = {}
         self._pending: asyncio.Future[GraphState] | None = None
         self._poll: asyncio.Task[None] | None = None
@@ -158,7 +158,7 @@ class Hub:
         self._users[key] = self._users.get(key, 0) + 1
         return stream
 
-    def video(self, stream: Stream, slow: bool) -> VideoSource | None:
+    def video(self, stream: Stream, slow: bool) -> PacketSource | None:
         """Return the source of the video of a stream; None if pages get JPEGs."""
         return self._videos.get((stream.key, slow))
 
@@ -168,7 +168,7 @@ class Hub:
         if not self._users[stream.key]:
             self._loop.call_later(UNUSED_SECONDS, self._close_unused, stream)
 
-    def options(self, requested: ViewOptions) -> ViewOptions:
+    def options(self, requested: ViewRequest) -> ViewRequest:
         """Return what a viewer requests, within the parameters of the node."""
         settings = self.settings
         widths = [width for width in (requested.width, settings.width) if width]
@@ -191,7 +191,7 @@ class Hub:
         return await _answer(self._pending)
 
     async def control(
-        self, choose: Callable[[Control], Coroutine[Any, Any, dict[str, Any]]],
+        self, choose: Callable[[CameraControl], Coroutine[Any, Any, dict[str, Any]]],
     ) -> dict[str, Any]:
         """
         Control another node.

@@ -27,12 +27,12 @@ import time
 from typing import Any
 
 from opencv_tools.viewer.channel import Channel
-from opencv_tools.viewer.control import Control, recorder_of
+from opencv_tools.viewer.control import CameraControl, recorder_of
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import (
-    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong,
-    topic_of, ViewOptions, WIDTHS)
+    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong, topic_of,
+    ViewRequest, WIDTHS)
 from opencv_tools.viewer.video_channel import VideoChannel
 from opencv_tools.viewer.video_link import VideoLink
 from opencv_tools.viewer.web import POLICY_VIOLATION, SocketHandler
@@ -45,7 +45,7 @@ _MAX_WAITING = 20
 
 _Message = dict[str, Any]
 # What each word of a page makes the control do, given the node and the message.
-_CONTROLS: dict[str, Callable[[Control, Any, _Message], Coroutine[Any, Any, _Message]]] = {
+_CONTROLS: dict[str, Callable[[CameraControl, Any, _Message], Coroutine[Any, Any, _Message]]] = {
     'parameters': lambda control, node, _: control.parameters(node),
     'set': lambda control, node, message: control.set(
         node, message.get('name'), message.get('value')),
@@ -196,13 +196,13 @@ class PageSocket(SocketHandler):
             if channel.answered(sequence):
                 return
 
-    async def _subscribe_again(self, name: str, options: ViewOptions) -> None:
+    async def _subscribe_again(self, name: str, options: ViewRequest) -> None:
         """Change the video of a page whose link has become slow, or is tried again."""
         answer = await self._subscribe(name, options)
         if answer:
             await self._write(answer)
 
-    async def _subscribe(self, name: str, requested: ViewOptions) -> _Message | None:
+    async def _subscribe(self, name: str, requested: ViewRequest) -> _Message | None:
         options = self.site.hub.options(requested)
         link = self._links.get(name) or VideoLink(asyncio.get_running_loop().time)
         has_video = options.video and bool(self._codecs)

@@ -55,7 +55,7 @@ _MAX_SIDE = 2**31  # pixels of an image
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewOptions:
+class ViewRequest:
     """
     What a viewer of a topic requests.
 
@@ -194,7 +194,7 @@ def base_name(name: str, ends: tuple[str, ...] = (COMPRESSED, *VIDEOS)) -> str:
     return next((name[:-len(end)] for end in ends if name.endswith(end) and name != end), name)
 
 
-def parse_options(message: dict[str, Any]) -> ViewOptions:
+def parse_options(message: dict[str, Any]) -> ViewRequest:
     """
     Read what a viewer requests.
 
@@ -212,7 +212,7 @@ def parse_options(message: dict[str, Any]) -> ViewOptions:
     colors = message.get('colors', COLORS[0])
     if colors not in COLORS:
         raise RequestError(f'colors is {str(colors)[:40]!r}: give one of {", ".join(COLORS)}')
-    return ViewOptions(
+    return ViewRequest(
         width=int(valid_number(message.get('width', 0), 'width', 0, _MAX_WIDTH)),
         quality=int(valid_number(message.get('quality', 0), 'quality', 0, 100)),
         rate=valid_number(message.get('rate', 0), 'rate', 0, 1000),

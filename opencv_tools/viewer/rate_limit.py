@@ -23,7 +23,7 @@ from collections.abc import Callable
 _JITTER = 0.5
 
 
-class RateLimit:
+class EvenRate:
     """
     Tell whether a frame may be shown now.
 

@@ -21,9 +21,9 @@ from typing import Any
 
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.packets import ViewedPacket
-from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.video_link import VideoLink
-from opencv_tools.viewer.video_source import VideoSource
+from opencv_tools.viewer.video_source import PacketSource
 
 # Seconds after which an answer is late, and after which a decoder is said to hold its pictures.
 _LATE_SECONDS, _HELD_SECONDS = 0.5, 2.0
@@ -42,7 +42,7 @@ class VideoChannel:
     window = _MAX_UNANSWERED
 
     def __init__(
-        self, source: VideoSource, options: ViewOptions, codecs: frozenset[str], *,
+        self, source: PacketSource, options: ViewRequest, codecs: frozenset[str], *,
         link: VideoLink, send: Callable[[ViewedPacket], int], refuse: Callable[[str], object],
     ) -> None:
         """
@@ -76,7 +76,7 @@ class VideoChannel:
             return False
         return self._is_drained() if self._needs_key else not self._is_late()
 
-    def set_options(self, options: ViewOptions) -> None:
+    def set_options(self, options: ViewRequest) -> None:
         """Keep what the viewer requests, which does not change packets."""
         self.options = options
 

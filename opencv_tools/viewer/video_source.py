@@ -44,7 +44,7 @@ class PacketReceiver(Protocol):
         """Report to the page that there is no video."""
 
 
-class VideoSource:
+class PacketSource:
     """
     Pass packets on to the channels of all pages; used in the loop of the server.
 
@@ -119,7 +119,7 @@ class VideoSource:
         raise NotImplementedError
 
 
-class PublishedVideo(VideoSource):
+class PublishedVideo(PacketSource):
     """Pass on the packets of a video topic."""
 
     def __init__(self, stream: Stream, feed: PacketFeed, subscribe_again: Callable[[], object],

@@ -29,7 +29,7 @@ from opencv_tools.calibration.camera_file import read_camera
 from opencv_tools.transport import zero_copy
 from opencv_tools.viewer.calibrate.camera_info import find_service
 from opencv_tools.viewer.calibrate.sessions import Former, read_former
-from opencv_tools.viewer.control import check_server, Control
+from opencv_tools.viewer.control import CameraControl, check_server
 from opencv_tools.viewer.errors import RequestError
 import pytest
 from rclpy.node import Node, NodeNameNonExistentError
@@ -98,7 +98,7 @@ def read(node: Node, publish: Callable[[], object]) -> Former:
     """Read the present calibration of ``/front/camera``."""
     with executor_of(node) as executor:
         reading = executor.create_task(
-            read_former(Control(node), '/front/camera_info', ['/front/camera']))
+            read_former(CameraControl(node), '/front/camera_info', ['/front/camera']))
         wait_until(reading.done, 'the calibration', lambda: (
             publish(), executor.spin_once(timeout_sec=0.005)))
     found: Former = reading.result()

@@ -135,6 +135,15 @@ def test_functions_have_at_most_50_lines() -> None:
     assert {name: length for name, length in lengths.items() if length > 50} == {}
 
 
+def test_class_names_occur_once() -> None:
+    files: dict[str, list[str]] = {}
+    for name, _ in nodes_of(ast.ClassDef):
+        path, _, name = name.partition(':')
+        if not name.startswith('_'):
+            files.setdefault(name, []).append(path)
+    assert {name: paths for name, paths in files.items() if len(paths) > 1} == {}
+
+
 def test_few_signatures_have_more_than_6_parameters() -> None:
     long = {}
     for name, node in functions():

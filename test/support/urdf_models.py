@@ -20,8 +20,8 @@ from lxml import etree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.geometry import Sphere
 from opencv_tools.robot.model import (
-    Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
-    Placement, Robot, Shape)
+    Axis, Dynamics, Extension, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL, Placement,
+    Robot, RobotFrame, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
@@ -125,8 +125,8 @@ def robot_of_sdf() -> Robot:
               placement=Placement(Pose(), FrameId('link', 'a')),
               axes=(Axis((0.0, 1.0, 0.0), Limit(-1.0, 1.0)),), is_loop=True),
     )
-    frames = (Frame(name='f', attached_to=FrameId('link', 'b'),
+    frames = (RobotFrame(name='f', attached_to=FrameId('link', 'b'),
                     placement=Placement(Pose((0.0, 9.0, 0.0)), FrameId('joint', 'j'))),
-              Frame(name='g', attached_to=MODEL, placement=Placement(Pose(), MODEL)))
+              RobotFrame(name='g', attached_to=MODEL, placement=Placement(Pose(), MODEL)))
     return Robot(name='r', links=links, joints=joints, frames=frames, canonical_link='b',
                  extension=extra('<model><static>1</static><odd/></model>'))

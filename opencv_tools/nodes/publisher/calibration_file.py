@@ -21,7 +21,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from opencv_tools.calibration.camera_file import (
-    CameraInfoError, check_camera_name, read_camera, Region, StoredCamera, write_camera)
+    CameraInfoError, check_camera_name, ImageRegion, read_camera, StoredCamera, write_camera)
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 
 __all__ = ['CameraInfoError', 'check_camera_name', 'read_camera_info', 'write_camera_info']
@@ -59,5 +59,5 @@ def write_camera_info(
         'x_offset', 'y_offset', 'height', 'width', 'do_rectify')}
     write_camera(path, StoredCamera(
         width=info.width, height=info.height, distortion_model=info.distortion_model,
-        binning_x=info.binning_x, binning_y=info.binning_y, roi=Region(**region), **matrices),
-        name, ros_home)
+        binning_x=info.binning_x, binning_y=info.binning_y, roi=ImageRegion(**region),
+        **matrices), name, ros_home)

@@ -231,7 +231,7 @@ def check_lens(info: CameraInfo) -> None:
         raise CameraInfoError(str(err)) from err
 
 
-class Calibration:
+class PublishedCalibration:
     """
     The calibration of a camera, published as ``camera_info``.
 
@@ -320,14 +320,14 @@ class Calibration:
         return CameraInfo(width=width, height=height)
 
 
-def open_calibration(node: Node, settings: PublisherSettings) -> Calibration:
+def open_calibration(node: Node, settings: PublisherSettings) -> PublishedCalibration:
     """Return the calibration that the parameters of a node select; problems are logged."""
     name = settings.camera_name or node.get_namespace().strip('/').replace('/', '_') or 'camera'
-    return Calibration(settings.camera_info_url, name, Log(node.get_logger()).warning)
+    return PublishedCalibration(settings.camera_info_url, name, Log(node.get_logger()).warning)
 
 
 def create_camera_info_service(
-    node: Node, calibration: Calibration, settings: Callable[[], PublisherSettings],
+    node: Node, calibration: PublishedCalibration, settings: Callable[[], PublisherSettings],
 ) -> None:
     """
     Create the service ``set_camera_info``, which saves and publishes a new calibration.

@@ -29,7 +29,7 @@ from opencv_tools.image.orientation import turned_axes
 from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
-from opencv_tools.nodes.publisher.camera_info import Calibration, turn_camera_info
+from opencv_tools.nodes.publisher.camera_info import PublishedCalibration, turn_camera_info
 from opencv_tools.nodes.publisher.output_topics import OutputTopics
 from opencv_tools.rectification import rectified_info, Rectifier
 from opencv_tools.topics.errors import ParameterError
@@ -55,7 +55,7 @@ class ImageTopics:
     """
 
     def __init__(
-        self, node: Node, topic: str, calibration: Calibration, fastdds: FastDdsSetup,
+        self, node: Node, topic: str, calibration: PublishedCalibration, fastdds: FastDdsSetup,
         subscribers: int, video: VideoSettings | None = None,
     ) -> None:
         """

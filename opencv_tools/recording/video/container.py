@@ -142,7 +142,7 @@ class VideoPrepared(Prepared, Protocol):
 V = TypeVar('V', bound=VideoPrepared)
 
 
-class VideoStream(ABC, Generic[V]):
+class WrittenVideo(ABC, Generic[V]):
     """
     The stream of a video file.
 
@@ -174,7 +174,7 @@ class VideoFile(Generic[V]):
     """One video file; used by one thread at a time."""
 
     def __init__(
-        self, path: Path, stream: VideoStream[V], time_ns: int, room: Room = lambda _: True,
+        self, path: Path, stream: WrittenVideo[V], time_ns: int, room: Room = lambda _: True,
     ) -> None:
         """
         Create the file.

@@ -36,7 +36,7 @@ from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Prepared
-from opencv_tools.recording.video.container import VideoFile, VideoStream
+from opencv_tools.recording.video.container import VideoFile, WrittenVideo
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.writer import VideoWriter
 from opencv_tools.units import NANO
@@ -84,8 +84,8 @@ def prepare_packet(packet: VideoPacket) -> PreparedPacket:
         packet=packet, sets=parameter_sets(packet.codec, packet.data) if is_first else b'')
 
 
-class CopiedStream(VideoStream[PreparedPacket]):
-    """A stream of packets as they are; see `VideoStream`."""
+class CopiedStream(WrittenVideo[PreparedPacket]):
+    """A stream of packets as they are; see `WrittenVideo`."""
 
     def __init__(self, first: PreparedPacket) -> None:
         """

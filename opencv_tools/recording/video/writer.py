@@ -25,7 +25,7 @@ from typing import Any
 
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.file_format import Room
-from opencv_tools.recording.video.container import CONTAINER_FORMATS, VideoFile, VideoStream
+from opencv_tools.recording.video.container import CONTAINER_FORMATS, VideoFile, WrittenVideo
 from opencv_tools.recording.video.frame import VideoFrame
 from opencv_tools.remedies import installation
 
@@ -95,8 +95,8 @@ def check_video() -> None:
                          f'{installation("--force-reinstall av")}') from err
 
 
-class _EncodedStream(VideoStream[VideoFrame]):
-    """A stream of encoded frames; see `VideoStream`."""
+class _EncodedStream(WrittenVideo[VideoFrame]):
+    """A stream of encoded frames; see `WrittenVideo`."""
 
     def __init__(self, first: VideoFrame, crf: int) -> None:
         self.stream_format = first.stream_format

@@ -25,7 +25,7 @@ from opencv_tools.robot.compare.properties import (
     Properties, Value)
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, Shape)
+    Extension, FrameId, Joint, Link, MODEL, Placement, Robot, RobotFrame, Shape)
 from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
 from opencv_tools.robot.renaming import flat_name
 from opencv_tools.robot.sdf.values import pose_of
@@ -119,7 +119,7 @@ class Side:
     def items(self, base: str, skipped: set[str], ordered: set[Key], everything: bool
               ) -> dict[Key, Item]:
         """Return all objects that are compared, by element and name."""
-        def kept(owner: Robot | Link | Joint | Frame | Shape) -> Properties:
+        def kept(owner: Robot | Link | Joint | RobotFrame | Shape) -> Properties:
             return element_properties(owner.extension) if everything else {}
 
         to_base = self.kinematics.pose(self._base_frame(base)).inverse()

@@ -33,7 +33,7 @@ from opencv_tools.robot.xml.report import Report
 
 
 @dataclass(frozen=True)
-class ReadContext:
+class SdfContext:
     """
     A model, and the names that it may refer to.
 
@@ -105,7 +105,7 @@ class ReadContext:
 
 
 def model_contexts(root: Element, report: Report, model: str, search: Sequence[str]
-                   ) -> list[ReadContext]:
+                   ) -> list[SdfContext]:
     """
     Return the contexts of the model to read and of all models nested in it, outermost first.
 
@@ -122,7 +122,7 @@ def model_contexts(root: Element, report: Report, model: str, search: Sequence[s
     # All names are registered before elements are read, because they may refer to later elements.
     registry = FrameRegistry(scopes)
     folder = str(first_file(source_of(root)).parent)
-    return [ReadContext(scope, registry, report, folder) for scope in scopes]
+    return [SdfContext(scope, registry, report, folder) for scope in scopes]
 
 
 def _to_expressed_in(axis: Element) -> None:

@@ -21,15 +21,15 @@ import math
 
 from lxml import etree
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.model import Axis, Dynamics, Frame, FrameId, Limit, Mimic, MODEL, Placement
+from opencv_tools.robot.model import (
+    Axis, Dynamics, FrameId, Limit, Mimic, MODEL, Placement, RobotFrame)
 from opencv_tools.robot.pose import normalised, Vector, ZERO
 from opencv_tools.robot.sdf.rules import find_flaw, parsed_elements
 from opencv_tools.robot.sdf.values import (
     MIMIC, MODEL_FRAME, number_element, number_of, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, ElementT, line_of, required_name, TrackedElement)
-from opencv_tools.robot.xml.numbers import (
-    limit_number, number, number_text, numbers_text, vector)
+from opencv_tools.robot.xml.numbers import limit_number, number, number_text, numbers_text, vector
 from opencv_tools.robot.xml.passthrough import URDF_TAG
 
 AXES = ('axis', 'axis2')
@@ -130,7 +130,8 @@ def _limit_element(axis: Element, limit: Limit) -> None:
             number_element(element, tag, value)
 
 
-def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], FrameId]) -> Frame:
+def frame_from_element(
+        element: ElementT, lookup: Callable[[str, ElementT], FrameId]) -> RobotFrame:
     """
     Read a frame.
 
@@ -144,11 +145,11 @@ def frame_from_element(element: ElementT, lookup: Callable[[str, ElementT], Fram
 
     attached_to, pose = frame_of(element, 'attached_to', MODEL), element.find('pose')
     base = attached_to if pose is None else frame_of(pose, 'relative_to', attached_to)
-    return Frame(name=required_name(element), attached_to=attached_to,
+    return RobotFrame(name=required_name(element), attached_to=attached_to,
                  placement=Placement(pose_of(pose), base), line=line_of(element))
 
 
-def frame_to_element(frame: Frame, kinematics: Kinematics) -> Element:
+def frame_to_element(frame: RobotFrame, kinematics: Kinematics) -> Element:
     """Write a frame, placed relative to the frame that it is attached to."""
     element = etree.Element('frame', name=frame.name)
     if frame.attached_to != MODEL:

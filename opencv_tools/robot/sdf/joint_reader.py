@@ -22,7 +22,7 @@ import math
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import Axis, FrameId, Joint, Mimic, Robot
-from opencv_tools.robot.sdf.context import ReadContext
+from opencv_tools.robot.sdf.context import SdfContext
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, mimic_of_urdf, Rotation
 from opencv_tools.robot.sdf.names import JOINTS
 from opencv_tools.robot.sdf.values import flag, FRAMES, JOINT_AXES, MODEL_FRAME
@@ -33,7 +33,7 @@ from opencv_tools.robot.xml.passthrough import URDF_JOINT_TYPE, URDF_TAG
 _MIMIC = f'{URDF_TAG}mimic'
 
 
-def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinematics: Kinematics
+def with_axes(joint: Joint, element: TrackedElement, context: SdfContext, kinematics: Kinematics
               ) -> Joint:
     """
     Add the axes of a joint and its unread parts.
@@ -64,7 +64,7 @@ def with_axes(joint: Joint, element: TrackedElement, context: ReadContext, kinem
     return replace(joint, type='continuous') if is_continuous else joint
 
 
-def _rotation(axis: TrackedElement, joint: Joint, context: ReadContext, kinematics: Kinematics
+def _rotation(axis: TrackedElement, joint: Joint, context: SdfContext, kinematics: Kinematics
               ) -> Rotation | None:
     """Return the rotation of an axis into the joint frame, by the rules of the SDF version."""
     version, xyz = context.scope.file.version, axis.find('xyz')
@@ -86,7 +86,7 @@ def _rotation(axis: TrackedElement, joint: Joint, context: ReadContext, kinemati
     return pose.transform().rotate if any(pose.rpy) else None
 
 
-def _mimic(joint: TrackedElement, element: TrackedElement, axis: Axis, context: ReadContext
+def _mimic(joint: TrackedElement, element: TrackedElement, axis: Axis, context: SdfContext
            ) -> Mimic | None:
     """Return the mimic of an axis, which older versions keep as ``<urdf:mimic>`` of the joint."""
     mimic, child = axis.mimic, element.find('mimic')
@@ -108,7 +108,7 @@ def _mimic(joint: TrackedElement, element: TrackedElement, axis: Axis, context: 
     return None
 
 
-def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
+def read_joint(element: TrackedElement, context: SdfContext) -> Joint:
     """Read a joint without its axes."""
     scope, registry = context.scope, context.registry
     name = scope.qualified(required_name(element))

@@ -19,7 +19,7 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
-from opencv_tools.robot.sdf.context import ReadContext
+from opencv_tools.robot.sdf.context import SdfContext
 from opencv_tools.robot.sdf.values import (
     color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of)
 from opencv_tools.robot.xml.document import (
@@ -31,7 +31,7 @@ _GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 _URDF_CAPSULE = f'{URDF_TAG}capsule'
 
 
-def read_link(element: TrackedElement, context: ReadContext) -> Link:
+def read_link(element: TrackedElement, context: SdfContext) -> Link:
     """Read a link."""
     name = context.scope.qualified(required_name(element))
     frame = FrameId('link', name)
@@ -57,7 +57,7 @@ def _check_unique_names(link: TrackedElement, tag: str) -> None:
         names.add(name)
 
 
-def _read_inertial(element: TrackedElement, link: FrameId, context: ReadContext) -> Inertial:
+def _read_inertial(element: TrackedElement, link: FrameId, context: SdfContext) -> Inertial:
     """Read an inertial, with the defaults of SDF; `inertia.auto_inertial` replaces it later."""
     if flag(element.element.get('auto'), element, 'auto'):
         for ignored in element.take_all('pose', 'inertia'):
@@ -77,7 +77,7 @@ def _read_inertial(element: TrackedElement, link: FrameId, context: ReadContext)
                     (ixx, ixy, ixz, iyy, iyz, izz))
 
 
-def _read_shape(element: TrackedElement, link: FrameId, context: ReadContext) -> Shape:
+def _read_shape(element: TrackedElement, link: FrameId, context: SdfContext) -> Shape:
     tag = local_name(element)
     material = element.find('material') if tag == 'visual' else None
     geometry, placement = _read_geometry(element, context), context.placement(element, link)
@@ -86,7 +86,7 @@ def _read_shape(element: TrackedElement, link: FrameId, context: ReadContext) ->
                  extension=_shape_extension(element, geometry, context), line=line_of(element))
 
 
-def _shape_extension(element: TrackedElement, geometry: Geometry | None, context: ReadContext
+def _shape_extension(element: TrackedElement, geometry: Geometry | None, context: SdfContext
                      ) -> Extension:
     """Return the unread parts of a shape, with ``<empty/>`` in place of a missing geometry."""
     extension = context.extension(element)
@@ -97,7 +97,7 @@ def _shape_extension(element: TrackedElement, geometry: Geometry | None, context
     return Extension(extension.urdf, unread)
 
 
-def _read_geometry(shape: TrackedElement, context: ReadContext) -> Geometry | None:
+def _read_geometry(shape: TrackedElement, context: SdfContext) -> Geometry | None:
     element = shape.find('geometry')
     if element is None:
         context.report.warn(local_name(shape), required_name(shape), line_of(shape),
@@ -116,7 +116,7 @@ def _read_geometry(shape: TrackedElement, context: ReadContext) -> Geometry | No
     return _read_known_geometry(child, context) if child else None
 
 
-def _read_known_geometry(element: TrackedElement, context: ReadContext) -> Geometry:
+def _read_known_geometry(element: TrackedElement, context: SdfContext) -> Geometry:
     tag = local_name(element)
     if tag == 'mesh':
         uri, scale = text_of(element, 'uri'), element.find('scale')
@@ -136,7 +136,7 @@ def _read_known_geometry(element: TrackedElement, context: ReadContext) -> Geome
     return Cylinder(radius, length) if tag == 'cylinder' else Capsule(radius, length)
 
 
-def _read_size(element: TrackedElement, tag: str, default: str, context: ReadContext
+def _read_size(element: TrackedElement, tag: str, default: str, context: SdfContext
                ) -> tuple[float, ...]:
     child = element.find(tag)
     if child is None:
@@ -146,7 +146,7 @@ def _read_size(element: TrackedElement, tag: str, default: str, context: ReadCon
     return numbers(text, len(default.split()), holder)
 
 
-def _read_material(element: TrackedElement, context: ReadContext) -> Material:
+def _read_material(element: TrackedElement, context: SdfContext) -> Material:
     colors = {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
               if (child := element.find(tag)) is not None}
     pbr = element.find('pbr')

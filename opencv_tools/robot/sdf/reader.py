@@ -24,9 +24,9 @@ from pathlib import Path
 from lxml import etree
 from opencv_tools.robot.kinematics import check_mimic_cycles, cycle_text, Kinematics, resolve_chain
 from opencv_tools.robot.model import (
-    Extension, Frame, FrameId, Joint, Link, MODEL, Placement, Robot, WORLD)
+    Extension, FrameId, Joint, Link, MODEL, Placement, Robot, RobotFrame, WORLD)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform
-from opencv_tools.robot.sdf.context import model_contexts, ReadContext
+from opencv_tools.robot.sdf.context import model_contexts, SdfContext
 from opencv_tools.robot.sdf.includes import search_folders
 from opencv_tools.robot.sdf.inertia import auto_inertial
 from opencv_tools.robot.sdf.joint_reader import mark_loops, read_joint, with_axes
@@ -103,7 +103,7 @@ _INCLUDE = ('uri', 'name', 'pose', 'placement_frame')
 _OVERRIDES = ('pose', 'static')
 
 
-def report_nested(context: ReadContext) -> None:
+def report_nested(context: SdfContext) -> None:
     """Report the elements that a nested model loses by becoming a part of the robot."""
     file = context.scope.file
     preserved = extract_foreign(file.element, 'urdf')
@@ -117,7 +117,7 @@ def report_nested(context: ReadContext) -> None:
                                     'omitted: it belongs to a nested model')
 
 
-def model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:
+def model_extension(context: SdfContext, pose_in_world: Pose) -> Extension:
     """Return the unread parts of the model, with the overrides of its includes."""
     file = context.scope.file
     urdf, unread = extract_foreign(file.element, 'urdf'), context.unread(file.element)
@@ -136,7 +136,7 @@ def model_extension(context: ReadContext, pose_in_world: Pose) -> Extension:
     return Extension(urdf=urdf, sdf=unread if len(unread) or unread.attrib else None)
 
 
-def _resolve_model_pose(unread: Element, context: ReadContext, pose_in_world: Pose) -> None:
+def _resolve_model_pose(unread: Element, context: SdfContext, pose_in_world: Pose) -> None:
     """Write the pose of the model without names, which may be different in the output."""
     file = context.scope.file
     for pose in unread.findall('pose'):
@@ -204,12 +204,12 @@ def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str =
     return select_root(robot, root_link, report) if root_link else robot
 
 
-def _read_elements(contexts: Sequence[ReadContext]
-                   ) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[Frame, ...]]:
+def _read_elements(contexts: Sequence[SdfContext]
+                   ) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[RobotFrame, ...]]:
     """Read links, joints without axes, and frames; the world is a link if a joint needs it."""
     links: list[Link] = []
     joints: list[Joint] = []
-    frames: list[Frame] = []
+    frames: list[RobotFrame] = []
     by_model = {context.scope.frame: context for context in contexts}
     for context in contexts:
         element, scope = context.scope.element, context.scope
@@ -224,17 +224,17 @@ def _read_elements(contexts: Sequence[ReadContext]
     return tuple(links), tuple(joints), tuple(frames)
 
 
-def _read_frame(element: TrackedElement, context: ReadContext) -> Frame:
+def _read_frame(element: TrackedElement, context: SdfContext) -> RobotFrame:
     name = context.scope.qualified(required_name(element))
     attached_to = context.registry.attached_to(FrameId('frame', name))
-    return Frame(name=name, attached_to=attached_to,
+    return RobotFrame(name=name, attached_to=attached_to,
                  placement=context.placement(element, attached_to),
                  extension=context.extension(element), line=line_of(element))
 
 
-def _model_frame(context: ReadContext, parent: ReadContext) -> Frame:
+def _model_frame(context: SdfContext, parent: SdfContext) -> RobotFrame:
     scope = context.scope
-    return Frame(name=scope.frame.name,
+    return RobotFrame(name=scope.frame.name,
                  attached_to=FrameId('link', context.registry.link_of(scope.frame)),
                  placement=parent.placement(scope.file.pose_holder, parent.scope.frame),
                  line=line_of(scope.element))

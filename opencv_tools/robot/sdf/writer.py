@@ -26,7 +26,7 @@ from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Frame, FrameId, INERTIA, Joint, Link, MODEL, Robot, Shape, WORLD)
+    FrameId, INERTIA, Joint, Link, MODEL, Robot, RobotFrame, Shape, WORLD)
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.includes import first_file, search_folders
 from opencv_tools.robot.sdf.inertia import auto_inertial, is_same_inertial, without_auto
@@ -50,7 +50,8 @@ class _WriteContext:
     report: Report
     folders: Sequence[Path]  # where meshes are searched
 
-    def write_extension(self, element: Element, written: Frame | Joint | Link | Shape) -> None:
+    def write_extension(
+            self, element: Element, written: RobotFrame | Joint | Link | Shape) -> None:
         """Write what the model does not represent: merge SDF, and embed URDF."""
         merge_unread(element, written.extension.sdf)
         embed_foreign(element, written.extension.urdf, 'urdf', self.report, written.name,

@@ -125,7 +125,7 @@ def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReadContext:
+class UrdfContext:
     """
     Facts of the whole file.
 
@@ -156,7 +156,7 @@ class ReadContext:
         return _extension(root, self.gazebo.moved.get(MODEL, []), self.gazebo.remaining)
 
 
-def read_context(root: TrackedElement, report: Report) -> ReadContext:
+def read_context(root: TrackedElement, report: Report) -> UrdfContext:
     """
     Read the tree, the materials and the ``<gazebo>`` blocks of a file, before its elements.
 
@@ -164,7 +164,7 @@ def read_context(root: TrackedElement, report: Report) -> ReadContext:
     """
     tree = build_tree(root, report)
     gazebo = extract_sdf(root, tree, report)
-    return ReadContext(
+    return UrdfContext(
         report=report, tree=tree, materials=collect_materials(root, report), gazebo=gazebo,
         offsets={link: pose for link, joint in tree.parent_joint.items()
                  if (pose := preserved_pose(joint)) is not None and not pose.is_identity})

@@ -23,7 +23,7 @@ from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, FrameId, Joint, Limit, Mimic, Placement)
 from opencv_tools.robot.sdf.fragments import AXES, axis_from_element, mimic_of_urdf
-from opencv_tools.robot.urdf.context import ReadContext
+from opencv_tools.robot.urdf.context import UrdfContext
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, required_name, TrackedElement)
@@ -31,7 +31,7 @@ from opencv_tools.robot.xml.numbers import limit_number, number, vector
 from opencv_tools.robot.xml.passthrough import SDF_TAG
 
 
-def read_joint(element: TrackedElement, context: ReadContext) -> Joint:
+def read_joint(element: TrackedElement, context: UrdfContext) -> Joint:
     """Read a joint with its axes, and with what ``<gazebo>`` adds to it."""
     name, joint_type = required_name(element), element.get('type')
     if joint_type not in URDF_TYPES:
@@ -62,7 +62,7 @@ def _sdf_axes(element: TrackedElement, sdf_type: str, extension: Extension
     return axes, Extension(extension.urdf, sdf.unread())
 
 
-def _axes(element: TrackedElement, joint_type: str, context: ReadContext) -> tuple[Axis, ...]:
+def _axes(element: TrackedElement, joint_type: str, context: UrdfContext) -> tuple[Axis, ...]:
     if joint_type in WITHOUT_AXIS:
         return ()
     axis = element.find('axis')
@@ -80,7 +80,7 @@ def _axes(element: TrackedElement, joint_type: str, context: ReadContext) -> tup
     return (Axis(xyz, limit, values, _mimic(element, context)),)
 
 
-def _limit(element: TrackedElement, joint_type: str, context: ReadContext) -> Limit | None:
+def _limit(element: TrackedElement, joint_type: str, context: UrdfContext) -> Limit | None:
     limit = element.find('limit')
     has_position_limits = joint_type in ('revolute', 'prismatic')
     if limit is None:
@@ -106,7 +106,7 @@ def _effort_or_velocity(limit: TrackedElement, name: str, *, is_required: bool) 
     return abs(value) if math.isinf(value) else value
 
 
-def _mimic(element: TrackedElement, context: ReadContext) -> Mimic | None:
+def _mimic(element: TrackedElement, context: UrdfContext) -> Mimic | None:
     mimic = element.find('mimic')
     if mimic is None:
         return None

@@ -24,7 +24,7 @@ from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, 
 from opencv_tools.robot.model import (
     Extension, FrameId, INERTIA, Inertial, Link, MODEL, Placement, Shape)
 from opencv_tools.robot.pose import Pose
-from opencv_tools.robot.urdf.context import ReadContext
+from opencv_tools.robot.urdf.context import UrdfContext
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.xml.document import (
@@ -133,7 +133,7 @@ _GEOMETRIES: Mapping[str, Callable[[TrackedElement], Geometry]] = {
 _GEOMETRY_TAGS = ', '.join(f'<{tag}>' for tag in _GEOMETRIES)
 
 
-def read_link(element: TrackedElement, context: ReadContext) -> Link:
+def read_link(element: TrackedElement, context: UrdfContext) -> Link:
     """Read a link, with what ``<gazebo>`` adds to it."""
     name = required_name(element)
     link_frame = context.link_frame(name)
@@ -150,7 +150,7 @@ def read_link(element: TrackedElement, context: ReadContext) -> Link:
         extension=context.extension(element, FrameId('link', name)))
 
 
-def _link_placement(element: TrackedElement, context: ReadContext) -> Placement:
+def _link_placement(element: TrackedElement, context: UrdfContext) -> Placement:
     """Return the placement of a link in its parent joint, or of a root link in the model."""
     name = required_name(element)
     parent_joint = context.tree.parent_joint.get(name)

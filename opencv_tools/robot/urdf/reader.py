@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from opencv_tools.robot.kinematics import check_mimic_cycles
-from opencv_tools.robot.model import Extension, Frame, FrameId, MODEL, Robot
+from opencv_tools.robot.model import Extension, FrameId, MODEL, Robot, RobotFrame
 from opencv_tools.robot.sdf.fragments import frame_from_element
 from opencv_tools.robot.sdf.values import MODEL_FRAME
 from opencv_tools.robot.trees import select_root
@@ -72,7 +72,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     return robot
 
 
-def _frames(root: TrackedElement, tree: LinkTree) -> tuple[Frame, ...]:
+def _frames(root: TrackedElement, tree: LinkTree) -> tuple[RobotFrame, ...]:
     elements = root.take_all(f'{SDF_TAG}frame')
     ids = {'': MODEL, MODEL_FRAME: MODEL}
     for kind, names in (('frame', map(required_name, elements)),

@@ -28,7 +28,7 @@ from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, Shape)
+    Axis, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, RobotFrame, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST
@@ -189,7 +189,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
                   joint.line)
 
 
-def _frame_element(root: Element, frame: Frame, context: _WriteContext) -> None:
+def _frame_element(root: Element, frame: RobotFrame, context: _WriteContext) -> None:
     element = frame_to_element(frame, context.kinematics)
     merge_unread(element, frame.extension.sdf)
     embed_foreign(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)

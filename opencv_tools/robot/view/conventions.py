@@ -22,7 +22,7 @@ from typing import Any
 
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.load import LoadOptions, read_element, read_robot
-from opencv_tools.robot.model import Frame, Joint, Link, Robot
+from opencv_tools.robot.model import Joint, Link, Robot, RobotFrame
 from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.view.document import Document, pose_numbers
 from opencv_tools.robot.xml.document import DescriptionError, Element, parse, to_bytes
@@ -100,7 +100,7 @@ def _poses(robot: Robot) -> dict[str, dict[str, Any]]:
     :returns: line, numbers x, y, z, roll, pitch, yaw, and the frame that they are relative to:
         its kind and its name. ``file`` is another file that contains the line, or ''.
     """
-    def pose(owner: Link | Joint | Frame) -> dict[str, Any]:
+    def pose(owner: Link | Joint | RobotFrame) -> dict[str, Any]:
         source = str(getattr(owner.line, 'source', ''))
         return {'line': int(owner.line), 'numbers': pose_numbers(owner.placement.pose),
                 'in': [*owner.placement.relative_to],

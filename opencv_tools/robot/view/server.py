@@ -49,7 +49,7 @@ _MAX_CONNECTIONS = 64  # a browser opens six
 _Signature = frozenset[tuple[str, int, int]]
 
 
-class Site:
+class RobotSite:
     """The newest robot, and its number."""
 
     def __init__(self, options: ViewOptions) -> None:
@@ -125,7 +125,7 @@ class Site:
 class _Handler(SendingHandler):
     """A handler that refuses foreign names of this machine, and never caches."""
 
-    def initialize(self, site: Site) -> None:
+    def initialize(self, site: RobotSite) -> None:
         self.site = site
 
     def set_default_headers(self) -> None:
@@ -214,7 +214,7 @@ async def serve(options: ViewOptions, port: int, announce: Callable[[str], objec
         # An exception in the middle of asyncio would leave tasks that are never done.
         if task and signal.getsignal(number) is not signal.SIG_IGN:
             loop.add_signal_handler(number, task.cancel)
-    site = await loop.run_in_executor(None, Site, options)
+    site = await loop.run_in_executor(None, RobotSite, options)
     if site.error and not all(Path(path).exists() for path in options.paths):
         raise DescriptionError(site.error)  # later, the page shows the error
     keywords = {'site': site}

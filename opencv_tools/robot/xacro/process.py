@@ -48,7 +48,7 @@ _REPLY = b'\0'  # begins the reply; other output, for example of sitecustomize, 
 
 
 @dataclass(frozen=True)
-class Limits:
+class XacroLimits:
     """
     Limits of the process.
 
@@ -88,7 +88,7 @@ class Limits:
                 'end, or a file that cannot be read')
 
 
-LIMITS = Limits()
+LIMITS = XacroLimits()
 
 
 def is_xacro(root: Element) -> bool:
@@ -103,7 +103,7 @@ def is_xacro_name(element: Element) -> bool:
 
 
 def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
-                 limits: Limits = LIMITS, find: str = 'path') -> bytes:
+                 limits: XacroLimits = LIMITS, find: str = 'path') -> bytes:
     """
     Expand a xacro file as `expand` does, in a separate process.
 
@@ -134,7 +134,7 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
     return expanded
 
 
-def _exit_reason(process: subprocess.CompletedProcess[bytes], limits: Limits) -> str:
+def _exit_reason(process: subprocess.CompletedProcess[bytes], limits: XacroLimits) -> str:
     """Return why the process ended without a reply."""
     message = process.stderr.decode(errors='replace').strip().rpartition('\n')[2]
     if process.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
@@ -166,7 +166,7 @@ def main() -> None:
     report = Report(request['source'])
     expanded, error = b'', ''
     try:
-        Limits(**request['limits']).impose()
+        XacroLimits(**request['limits']).impose()
         expanded = expand(request['path'], sys.stdin.buffer.read(), request['arguments'], report,
                           request['find'])
         if len(expanded) > MAX_BYTES:

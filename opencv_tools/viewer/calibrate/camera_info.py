@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from opencv_tools.calibration.solve import Calibration
 from opencv_tools.image.text import enumerated, printable
-from opencv_tools.viewer.control import Control, services_of
+from opencv_tools.viewer.control import CameraControl, services_of
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo
@@ -61,7 +61,7 @@ def info_topic(topic: str) -> str:
 
 
 async def set_camera_info(
-    control: Control, topic: str, nodes: Sequence[str], info: CameraInfo,
+    control: CameraControl, topic: str, nodes: Sequence[str], info: CameraInfo,
 ) -> dict[str, Any]:
     """
     Set the calibration of the camera of an image topic.

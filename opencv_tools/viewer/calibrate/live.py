@@ -120,7 +120,7 @@ class CalibrationPage(Protocol):
         """Show a part of the state; a later one of the same kind replaces it."""
 
 
-class Camera(Protocol):
+class CameraNode(Protocol):
     """The node of the camera, which has the calibration that is published."""
 
     @property
@@ -141,7 +141,7 @@ class LiveCalibration:
     All methods run in the loop of the server.
     """
 
-    def __init__(self, stream: Stream, searcher: Executor, camera: Camera, log: Log) -> None:
+    def __init__(self, stream: Stream, searcher: Executor, camera: CameraNode, log: Log) -> None:
         """
         Start a session without a board.
 

@@ -189,7 +189,7 @@ def calibration_routes(site: Site) -> list[Any]:
         ('/calibrate', CalibrateHandler, keywords),
         ('/calibrate/ws', CalibrationSocket, keywords),
         ('/calibrate/board', BoardHandler, keywords),
-        ('/calibrate/camera.yaml', FileHandler, keywords),
+        ('/calibrate/camera.yaml', CalibrationFileHandler, keywords),
     ]
 
 
@@ -225,7 +225,7 @@ class BoardHandler(SiteHandler):
         await self.finish(content)
 
 
-class FileHandler(SiteHandler):
+class CalibrationFileHandler(SiteHandler):
     """The result as a file of camera_info_manager."""
 
     async def get(self) -> None:

@@ -31,7 +31,7 @@ from opencv_tools.viewer.calibrate.camera_info import (
     camera_info_of, check_raw, info_topic, set_camera_info)
 from opencv_tools.viewer.calibrate.live import CalibrationPage, LiveCalibration
 from opencv_tools.viewer.calibrate.session import Result
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import NoAnswerError, RequestError
 from opencv_tools.viewer.hub import Hub
 from rclpy.node import Node
@@ -60,7 +60,7 @@ class Former:
     problem: str = ''
 
 
-async def read_former(control: Control, name: str, nodes: Sequence[str]) -> Former:
+async def read_former(control: CameraControl, name: str, nodes: Sequence[str]) -> Former:
     """
     Return the present calibration of a camera.
 
@@ -181,7 +181,7 @@ class NodeCamera:
     async def _read(self) -> Former:
         nodes = await self._nodes()
 
-        async def read(control: Control) -> dict[str, Any]:
+        async def read(control: CameraControl) -> dict[str, Any]:
             return {'former': await read_former(control, info_topic(self._topic), nodes)}
 
         found: Former = (await self._hub.control(read))['former']

@@ -41,7 +41,7 @@ _POSE_SIZE = (7 + 36) * 8  # of PoseWithCovariance, which has no place in a pict
 
 
 @dataclass(frozen=True)
-class Box:
+class DetectedBox:
     """
     A box in pixels of the image; the first pixel spans 0 to 1.
 
@@ -63,7 +63,7 @@ class Boxes:
     :param invalid: number of those whose numbers are no box of an image.
     """
 
-    shown: tuple[Box, ...]
+    shown: tuple[DetectedBox, ...]
     others: int
     invalid: int
 
@@ -117,7 +117,7 @@ def read_boxes(data: memoryview) -> Boxes:
         raise CdrError(f'it has {count} detections: {MAX_DETECTIONS} are the limit')
     valid = [one for one in reader.detections(count) if one is not None]
     best = heapq.nlargest(MAX_BOXES, valid, key=lambda one: one[0])
-    return Boxes(tuple(Box(place, _label(name, score)) for score, place, name in best),
+    return Boxes(tuple(DetectedBox(place, _label(name, score)) for score, place, name in best),
                  len(valid) - len(best), count - len(valid))
 
 

@@ -28,7 +28,7 @@ from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.overlays.boxes import LARGEST
 from opencv_tools.viewer.overlays.matching import MatchedFrames
-from opencv_tools.viewer.overlays.sources import BoxSource, CameraSource, OverlaySources
+from opencv_tools.viewer.overlays.sources import BoxSource, CameraInfoSource, OverlaySources
 from opencv_tools.viewer.protocol import topic_of
 from opencv_tools.viewer.video_channel import VideoChannel
 from rclpy.serialization import deserialize_message
@@ -45,7 +45,7 @@ class CameraOverlay:
     """Send the overlay of a camera to a page, whenever it has changed."""
 
     def __init__(
-        self, source: CameraSource, topic: str, size: Callable[[], tuple[int, int] | None],
+        self, source: CameraInfoSource, topic: str, size: Callable[[], tuple[int, int] | None],
         post: Callable[[dict[str, Any]], object],
     ) -> None:
         """

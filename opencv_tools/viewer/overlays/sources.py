@@ -70,7 +70,7 @@ class Source:
         raise NotImplementedError
 
 
-class CameraSource(Source):
+class CameraInfoSource(Source):
     """The newest calibration of a camera."""
 
     #: The message; b'' before the first one.
@@ -171,9 +171,9 @@ class OverlaySources:
         """Return the source of a topic with boxes; the caller adds a watcher."""
         return self._acquire(BoxSource, (name, DETECTIONS))
 
-    def camera(self, image_topic: str) -> CameraSource:
+    def camera(self, image_topic: str) -> CameraInfoSource:
         """Return the source of the calibration of an image topic."""
-        return self._acquire(CameraSource, (info_topic(image_topic), CALIBRATION))
+        return self._acquire(CameraInfoSource, (info_topic(image_topic), CALIBRATION))
 
     def release(self, source: Source, watcher: Callable[[], object]) -> None:
         """Remove a watcher; unsubscribe two seconds after the last one."""

@@ -29,7 +29,7 @@ from dataset_bags import Drive
 from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
 from opencv_tools.convert.cli import main
 from opencv_tools.datasets import bag_conversion
-from opencv_tools.datasets.bag_conversion import Camera, Work, write_video
+from opencv_tools.datasets.bag_conversion import Work, write_video, WrittenCamera
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_here, find_jobs
 from opencv_tools.datasets.part import read_part
@@ -149,7 +149,7 @@ def test_videos_end_when_one_of_them_fails_or_the_command_ends(
     bag = Drive(seconds=0.2).write(tmp_path / 'a.mcap')
     ended, begun = [], Event()
 
-    def fail_or_wait(work: Work, name: str) -> Camera:
+    def fail_or_wait(work: Work, name: str) -> WrittenCamera:
         if name == 'front':
             wait_until(begun.is_set)
             raise end

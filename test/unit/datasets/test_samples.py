@@ -22,7 +22,7 @@ import numpy as np
 from opencv_tools.bags.reading import BagMessage, BagTopic
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource
-from opencv_tools.datasets.samples import MessageReader, Samples
+from opencv_tools.datasets.samples import NumbersReader, Samples
 import pytest
 
 KIND = 'sensor_msgs/msg/JointState'
@@ -82,4 +82,4 @@ def test_list_of_times_is_no_stamp() -> None:
     text = (f'{kind} stamp\nfloat64 value\n{"=" * 80}\nMSG: {kind}\nint32 sec\nuint32 nanosec\n')
     for definition, has_stamp in ((text, True), (text.replace('Time s', 'Time[] s'), False)):
         topic = BagTopic('/a', 'my_msgs/msg/Timed', definition=definition)
-        assert MessageReader(topic).has_stamp == has_stamp
+        assert NumbersReader(topic).has_stamp == has_stamp

@@ -24,7 +24,8 @@ from calibrations import ANY_MACHINE, CALIBRATION, camera_infos
 from hypothesis import given, strategies as st
 import numpy as np
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError, read_camera_info
-from opencv_tools.nodes.publisher.camera_info import Calibration, resolve_url, scale_camera_info
+from opencv_tools.nodes.publisher.camera_info import (
+    PublishedCalibration, resolve_url, scale_camera_info)
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header
@@ -121,13 +122,13 @@ def test_default_url_without_a_file(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
     warnings: list[str] = []
-    calibration = Calibration('', 'left', warnings.append)
+    calibration = PublishedCalibration('', 'left', warnings.append)
     header = Header(frame_id='lens')
     assert calibration.message(header, 4, 3) == CameraInfo(header=header, width=4, height=3)
     assert not warnings
     (tmp_path / 'camera_info').mkdir()
     (tmp_path / 'camera_info' / 'left.yaml').write_text(CALIBRATION.replace('640', '0'))
-    Calibration('', 'left', warnings.append)
+    PublishedCalibration('', 'left', warnings.append)
     assert len(warnings) == 1
     assert 'image_width' in warnings[0]
 
@@ -135,7 +136,7 @@ def test_default_url_without_a_file(
 @pytest.mark.parametrize('url', ['none.yaml', 'package://no_such_package/a', '.'])
 def test_one_warning_about_an_unusable_url(url: str) -> None:
     warnings: list[str] = []
-    calibration = Calibration(url, 'left', warnings.append)
+    calibration = PublishedCalibration(url, 'left', warnings.append)
     assert [calibration.message(Header(), 4, 3).k[0] for _ in range(3)] == [0, 0, 0]
     assert len(warnings) == 1
     assert warnings[0].endswith('; camera_info is published uncalibrated')
@@ -143,7 +144,7 @@ def test_one_warning_about_an_unusable_url(url: str) -> None:
 
 def test_independent_scaled_messages(file: Path) -> None:
     warnings: list[str] = []
-    calibration = Calibration(f'file://{file}', 'left', warnings.append)
+    calibration = PublishedCalibration(f'file://{file}', 'left', warnings.append)
     first = calibration.message(Header(frame_id='a'), 1280, 960)
     first.k[0] = first.d[0] = first.roi.width = 5
     second = calibration.message(Header(frame_id='b'), 1280, 960)
@@ -161,7 +162,7 @@ def test_saving_to_a_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fi
     (index / 'my_robot').touch()
     (tmp_path / 'share' / 'my_robot' / 'a').mkdir(parents=True)
     monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
-    calibration = Calibration('package://my_robot/a/${NAME}.yaml', 'left', lambda _: None)
+    calibration = PublishedCalibration('package://my_robot/a/${NAME}.yaml', 'left', lambda _: None)
     info = read_camera_info(file)
     path = calibration.save(info)
     assert path == str(tmp_path / 'share' / 'my_robot' / 'a' / 'left.yaml')
@@ -191,7 +192,7 @@ def test_saving_to_a_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fi
 @pytest.mark.parametrize('rotate', [0, 90])
 def test_unusable_calibrations_are_not_saved(
         file: Path, field: str, value: str | list[float], reason: str, rotate: int) -> None:
-    calibration = Calibration(str(file), 'left', lambda _: None)
+    calibration = PublishedCalibration(str(file), 'left', lambda _: None)
     info = read_camera_info(file)
     setattr(info, field, value)
     with pytest.raises(CameraInfoError) as caught:
@@ -205,7 +206,7 @@ def test_unusable_calibrations_are_not_saved(
     ('', []), ('plumb_bob', []), ('plumb_bob', [0.0] * 5), ('equidistant', [0.1] * 4),
     ('rational_polynomial', [0.1] * 8), ('rational_polynomial', [0.0] * 14)])
 def test_saved_distortion_models(file: Path, model: str, coefficients: list[float]) -> None:
-    calibration = Calibration(str(file), 'left', lambda _: None)
+    calibration = PublishedCalibration(str(file), 'left', lambda _: None)
     info = read_camera_info(file)
     info.distortion_model, info.d = model, coefficients
     info.roi = RegionOfInterest(x_offset=10, y_offset=10, width=50, height=60)
@@ -217,12 +218,12 @@ def test_saved_distortion_models(file: Path, model: str, coefficients: list[floa
 def test_file_after_a_change_of_ros_home(
         monkeypatch: pytest.MonkeyPatch, tmp_path: Path, file: Path) -> None:
     monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
-    calibration = Calibration('', 'left', lambda _: None)
+    calibration = PublishedCalibration('', 'left', lambda _: None)
     monkeypatch.setenv('ROS_HOME', str(tmp_path / 'other'))
     path = calibration.save(read_camera_info(file))
     assert path == str(tmp_path / 'ros' / 'camera_info' / 'left.yaml')
     assert not (tmp_path / 'other').exists()
-    refused = Calibration('flash:///x', 'left', lambda _: None)
+    refused = PublishedCalibration('flash:///x', 'left', lambda _: None)
     with pytest.raises(CameraInfoError, match='give file:///PATH'):
         refused.save(read_camera_info(file))
 
@@ -230,12 +231,12 @@ def test_file_after_a_change_of_ros_home(
 def test_one_warning_about_a_missing_distortion_model(file: Path) -> None:
     file.write_text(CALIBRATION.replace('distortion_model: plumb_bob\n', ''))
     warnings: list[str] = []
-    Calibration(str(file), 'left', warnings.append)
+    PublishedCalibration(str(file), 'left', warnings.append)
     assert warnings == [f'{file} has no distortion_model: plumb_bob is assumed']
 
 
 def test_consistent_messages_during_saving(tmp_path: Path) -> None:
-    calibration = Calibration(str(tmp_path / 'a.yaml'), 'left', lambda _: None)
+    calibration = PublishedCalibration(str(tmp_path / 'a.yaml'), 'left', lambda _: None)
     is_done = Event()
 
     def _save() -> None:

@@ -30,7 +30,7 @@ from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS
 from opencv_tools.nodes.publisher import backlog
-from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.camera_info import PublishedCalibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.rectification import Rectifier
 from opencv_tools.transport.fastdds.profile import NOT_CONFIGURED
@@ -45,7 +45,8 @@ from std_msgs.msg import Header
 
 def test_delay_after_the_last_awaited_subscriber(
         node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 2)
+    topics = ImageTopics(
+        node, 'video_frames', PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 2)
     now = 100.0
     clock = SimpleNamespace(monotonic=lambda: now)
     assert not topics.may_publish()
@@ -73,7 +74,7 @@ def test_delay_after_the_last_awaited_subscriber(
     ('shm',), ('auto',), ('shm', 'auto'), ('shm', 'raw'), ('auto', 'raw', 'compressed')])
 def test_awaited_subscribers_of_every_transport(
         node: Node, camera: Node, transports: tuple[str, ...]) -> None:
-    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED,
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration('', 'eye', print), NOT_CONFIGURED,
                          len(transports))
     nodes = [node] + [Node(f'receiver_{number}', context=node.context)
                       for number in range(len(transports) - 1)]
@@ -92,7 +93,7 @@ def test_awaited_subscribers_of_every_transport(
 
 def test_compressed_topic_follows_the_format(
         node: Node, camera: Node, capfd: pytest.CaptureFixture[str]) -> None:
-    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     received: list[CompressedImage] = []
     node.create_subscription(CompressedImage, f'{TOPIC}/compressed', received.append, 10)
     spin_until(node, topics.has_subscribers)
@@ -118,7 +119,7 @@ def test_compressed_topic_follows_the_format(
 
 @pytest.mark.parametrize('is_live', [False, True])
 def test_frames_of_any_source_are_shared(node: Node, camera: Node, is_live: bool) -> None:
-    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     viewer = Viewer(node)
     viewer.watch(lambda: topics.images.get_subscription_count() > 0
                  and viewer.publishers > 0)
@@ -145,7 +146,7 @@ def test_frames_of_any_source_are_shared(node: Node, camera: Node, is_live: bool
 def test_frame_of_a_file_waits_for_shared_memory(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch,
         capfd: pytest.CaptureFixture[str], failures: int) -> None:
-    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     viewer = Viewer(node)
     viewer.watch(lambda: topics.images.get_subscription_count() > 0)
     number = 0
@@ -186,7 +187,7 @@ def test_frame_of_a_file_waits_for_shared_memory(
 
 def test_publisher_waits_again_without_readers(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     node.create_subscription(Image, TOPIC, print, 10)
     spin_until(node, lambda: topics.images.get_subscription_count() > 0)
     monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 0.05)
@@ -202,7 +203,7 @@ def test_publisher_waits_again_without_readers(
 
 def test_conversion_writes_where_subscribers_read(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    topics = ImageTopics(camera, TOPIC, Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     frames: list[Frame] = []
     subscriber = FrameSubscriber(node, TOPIC, frames.append, encoding='', every=True)
     slots: list[object] = []
@@ -236,7 +237,7 @@ def test_nothing_is_rectified_without_subscribers(
     monkeypatch.setattr(Rectifier, 'rectify', lambda *arguments: (
         calls.append('rectify') or rectify(*arguments)))
     (tmp_path / 'eye.yaml').write_text(CALIBRATION)
-    topics = ImageTopics(camera, TOPIC, Calibration(f'{tmp_path}/eye.yaml', 'eye', print),
+    topics = ImageTopics(camera, TOPIC, PublishedCalibration(f'{tmp_path}/eye.yaml', 'eye', print),
                          NOT_CONFIGURED, 0)
     topics.rectify(True)
     assert not topics.has_subscribers()
@@ -269,7 +270,7 @@ def test_nothing_is_rectified_without_subscribers(
 def test_rectified_pixels_are_written_where_subscribers_read(
         node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / 'eye.yaml').write_text(CALIBRATION)
-    calibration = Calibration(f'{tmp_path}/eye.yaml', 'eye', print)
+    calibration = PublishedCalibration(f'{tmp_path}/eye.yaml', 'eye', print)
     topics = ImageTopics(camera, TOPIC, calibration, NOT_CONFIGURED, 0)
     topics.rectify(True)
     slots: list[object] = []

@@ -22,7 +22,7 @@ from typing import Any
 
 from opencv_tools.capture.errors import BrokenFrameError
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
-from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.camera_info import PublishedCalibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.loop import PublishLoop
 from opencv_tools.nodes.publisher.parameters import PARAMETERS, PublisherSettings
@@ -38,7 +38,8 @@ from std_srvs.srv import SetBool
 
 
 def create_loop(node: Node, **values: Any) -> PublishLoop:
-    topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print), NOT_CONFIGURED, 0)
+    topics = ImageTopics(
+        node, 'video_frames', PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     controls = CameraControls(node, PARAMETERS, lambda: None)
     return PublishLoop(node, PublisherSettings(**values), topics, controls)
 

@@ -24,7 +24,7 @@ from h264_camera import connect, DEVICE, H264Device
 import numpy as np
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
-from opencv_tools.nodes.publisher.camera_info import Calibration
+from opencv_tools.nodes.publisher.camera_info import PublishedCalibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.loop import PublishLoop
 from opencv_tools.nodes.publisher.parameters import PARAMETERS, PublisherSettings
@@ -49,7 +49,7 @@ class Passing:
         self._node, self._device = node, device
         self._encoder = VideoEncoder(VideoSettings(key_interval=GROUP - 0.5), 160, 120, 1)
         self.sent: list[bytes] = []
-        topics = ImageTopics(node, 'video_frames', Calibration('', 'eye', print),
+        topics = ImageTopics(node, 'video_frames', PublishedCalibration('', 'eye', print),
                              NOT_CONFIGURED, 0, VideoSettings())
         self.loop = PublishLoop(
             node, PublisherSettings(source=DEVICE, publish_rate=0.0, **values), topics,

@@ -27,7 +27,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS, orient, ROTATIONS, turned_axes
 from opencv_tools.nodes.publisher.calibration_file import (
     CameraInfoError, read_camera_info, write_camera_info)
-from opencv_tools.nodes.publisher.camera_info import Calibration, turn_camera_info
+from opencv_tools.nodes.publisher.camera_info import PublishedCalibration, turn_camera_info
 import pytest
 from sensor_msgs.msg import CameraInfo, RegionOfInterest
 from std_msgs.msg import Header
@@ -147,7 +147,7 @@ def test_one_warning_about_an_unsupported_model(
         tmp_path: Path, flip: str, rotate: int, model: str, d: tuple[float, ...]) -> None:
     warnings: list[str] = []
     write_camera_info(tmp_path / 'a.yaml', make_info(model, d), 'left')
-    calibration = Calibration(str(tmp_path / 'a.yaml'), 'left', warnings.append)
+    calibration = PublishedCalibration(str(tmp_path / 'a.yaml'), 'left', warnings.append)
     size = (HEIGHT, WIDTH) if rotate % 180 else (WIDTH, HEIGHT)
     for _ in range(3):
         message = calibration.message(Header(), *size, flip, rotate)
@@ -174,7 +174,7 @@ def test_turned_skew() -> None:
 
 
 def test_saved_calibration_of_the_unturned_camera(tmp_path: Path) -> None:
-    calibration = Calibration(str(tmp_path / 'a.yaml'), 'left', lambda _: None)
+    calibration = PublishedCalibration(str(tmp_path / 'a.yaml'), 'left', lambda _: None)
     unturned = make_info(d=(0.1, 0.2, 0.003, 0.004, 0.05))
     for flip, rotate in ORIENTATIONS:
         size = (HEIGHT, WIDTH) if rotate % 180 else (WIDTH, HEIGHT)

@@ -18,12 +18,12 @@ from __future__ import annotations
 
 from threading import Thread
 
-from opencv_tools.recording.recorder import FrameQueue
+from opencv_tools.recording.recorder import WriteQueue
 from waiting import join
 
 
 def test_items_are_numbered_in_their_order() -> None:
-    queue: FrameQueue[str] = FrameQueue(2, block=False)
+    queue: WriteQueue[str] = WriteQueue(2, block=False)
     assert queue.put('a') is None
     assert queue.put('b') is None
     assert queue.get() == (0, 'a')
@@ -33,13 +33,13 @@ def test_items_are_numbered_in_their_order() -> None:
 
 
 def test_full_queue_returns_the_dropped_item() -> None:
-    queue: FrameQueue[str] = FrameQueue(2, block=False)
+    queue: WriteQueue[str] = WriteQueue(2, block=False)
     assert [queue.put(item) for item in 'abcd'] == [None, None, 'a', 'b']
     assert [queue.get(), queue.get()] == [(0, 'c'), (1, 'd')]
 
 
 def test_blocked_put_continues_after_a_get() -> None:
-    queue: FrameQueue[str] = FrameQueue(1, block=True)
+    queue: WriteQueue[str] = WriteQueue(1, block=True)
     queue.put('a')
     putting = Thread(target=queue.put, args=['b'], daemon=True)
     putting.start()
@@ -50,7 +50,7 @@ def test_blocked_put_continues_after_a_get() -> None:
 
 
 def test_close_ends_a_waiting_get() -> None:
-    queue: FrameQueue[str] = FrameQueue(1, block=True)
+    queue: WriteQueue[str] = WriteQueue(1, block=True)
     results: list[tuple[int, str] | None] = []
     getting = Thread(target=lambda: results.append(queue.get()), daemon=True)
     getting.start()

@@ -26,8 +26,8 @@ from lxml import etree
 from opencv_tools.robot.compare.compare import Difference, differences, table
 from opencv_tools.robot.geometry import Box, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.model import (
-    Axis, Dynamics, Extension, Frame, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL,
-    Placement, Robot)
+    Axis, Dynamics, Extension, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL, Placement,
+    Robot, RobotFrame)
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
@@ -277,7 +277,7 @@ def test_original_names_of_converted_robots() -> None:
 
 def test_frames_of_both_robots() -> None:
     def framed(robot: Robot, pose: Pose) -> Robot:
-        return replace(robot, frames=(Frame(name='tip', attached_to=FrameId('link', 'hand'),
+        return replace(robot, frames=(RobotFrame(name='tip', attached_to=FrameId('link', 'hand'),
                                             placement=on('hand', pose)),))
 
     assert diff(urdf(), framed(sdf(), Pose())) == []

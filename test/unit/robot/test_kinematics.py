@@ -24,7 +24,7 @@ from opencv_tools.robot.kinematics import (
     attached_links, check_mimic_cycles, cycle_text, joint_transform, Kinematics, plane,
     resolve_chain, with_mimics)
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, Joint, Link, Mimic, MODEL, Placement, Robot)
+    Axis, FrameId, Joint, Link, Mimic, MODEL, Placement, Robot, RobotFrame)
 from opencv_tools.robot.pose import IDENTITY, Pose, Transform, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
@@ -214,7 +214,7 @@ def test_loop_joint_moving_with_its_child() -> None:
 def test_frames_moving_with_their_attached_link() -> None:
     robot = chain([joint('one', 'base', 'a', pose=Pose((1.0, 0.0, 0.0)))])
     tip = Placement(Pose((2.0, 0.0, 0.0)), link_id('base'))
-    frames = tuple(Frame(name=name, attached_to=attached_to,
+    frames = tuple(RobotFrame(name=name, attached_to=attached_to,
                          placement=tip) for name, attached_to in (
         ('on_frame', FrameId('frame', 'on_link')), ('on_link', link_id('a')),
         ('on_joint', joint_id('one')), ('on_model', MODEL)))
@@ -230,7 +230,7 @@ def test_attachment_cycle_and_missing_link_errors() -> None:
     for target, message in (('b', "attachment cycle: 'a' -> 'b' -> 'a'"),
                             ('c', "frame 'c', which does not exist")):
         robot = Robot(name='circle', links=links, joints=(),
-                      frames=tuple(Frame(name=name, attached_to=FrameId('frame', other),
+                      frames=tuple(RobotFrame(name=name, attached_to=FrameId('frame', other),
                                          placement=Placement(Pose(), MODEL))
                                    for name, other in (('a', target), ('b', 'a'))))
         with pytest.raises(DescriptionError, match=message):
@@ -380,7 +380,7 @@ def test_frames_of_the_model_and_its_canonical_link() -> None:
     world = Link(name='world', placement=Placement(Pose(), MODEL))
     links = (world, Link(name='a', placement=Placement(Pose(), MODEL)),
              Link(name='b', placement=Placement(Pose(), MODEL)))
-    frame = Frame(name='f', attached_to=MODEL, placement=Placement(Pose(), MODEL))
+    frame = RobotFrame(name='f', attached_to=MODEL, placement=Placement(Pose(), MODEL))
     robot = Robot(name='r', links=links, frames=(frame,))
     for one, link in ((robot, 'a'), (replace(robot, canonical_link='b'), 'b'),
                       (replace(robot, links=(world,)), 'world')):
@@ -389,8 +389,8 @@ def test_frames_of_the_model_and_its_canonical_link() -> None:
 
 
 def test_links_of_attached_frames() -> None:
-    def frame(name: str, attached_to: FrameId) -> Frame:
-        return Frame(name=name, attached_to=attached_to, placement=Placement(Pose(), MODEL))
+    def frame(name: str, attached_to: FrameId) -> RobotFrame:
+        return RobotFrame(name=name, attached_to=attached_to, placement=Placement(Pose(), MODEL))
 
     robot = chain([joint('one', 'base', 'a')])
     first, second = FrameId('frame', 'first'), FrameId('frame', 'second')

@@ -25,7 +25,7 @@ from listed_robots import HALF, on, shifted, tutorial
 from opencv_tools.robot.frames.listing import frames
 from opencv_tools.robot.frames.text import text
 from opencv_tools.robot.model import (
-    Axis, Frame, FrameId, Joint, Limit, Link, MODEL, Placement, Robot)
+    Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, RobotFrame)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
@@ -168,7 +168,7 @@ def test_several_trees() -> None:
 
 
 def test_additional_frames() -> None:
-    tip = Frame(name='tip', attached_to=FrameId('link', 'wheel'),
+    tip = RobotFrame(name='tip', attached_to=FrameId('link', 'wheel'),
                 placement=Placement(Pose((0.0, 0.0, 1.0)), FrameId('link', 'wheel')))
     listing = frames(replace(tutorial(), frames=(tip,)), {'turn': 0.5})
     assert listing['frames']['tip']['attached_to'] == 'wheel'

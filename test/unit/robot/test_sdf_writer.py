@@ -23,7 +23,8 @@ from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, Extension, Frame, FrameId, Inertial, Limit, Link, Mimic, MODEL, Placement, Robot, Shape)
+    Axis, Extension, FrameId, Inertial, Limit, Link, Mimic, MODEL, Placement, Robot, RobotFrame,
+    Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import frame_to_element
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -75,7 +76,7 @@ def test_errors_of_robots() -> None:
 
 
 def test_frames() -> None:
-    frame = Frame(name='tip', attached_to=FrameId('link', 'hand'),
+    frame = RobotFrame(name='tip', attached_to=FrameId('link', 'hand'),
                   placement=Placement(TURNED, FrameId('link', 'hand')))
     robot = urdf_robot(frames=(frame,), canonical_link='hand')
     report = Report()
@@ -88,7 +89,7 @@ def test_frames() -> None:
 
 
 def test_frame_attached_to_an_unsupported_joint() -> None:
-    frame = Frame(name='tip', attached_to=FrameId('joint', 'hand_joint'),
+    frame = RobotFrame(name='tip', attached_to=FrameId('joint', 'hand_joint'),
                   placement=Placement(Pose(), FrameId('joint', 'hand_joint')))
     made = written(urdf_robot('floating', frames=(frame,))).find('frame')
     assert made is not None and made.get('attached_to') == 'hand'

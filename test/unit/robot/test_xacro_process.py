@@ -20,7 +20,7 @@ from pathlib import Path
 
 from opencv_tools.robot.xacro import process as xacro_process
 from opencv_tools.robot.xacro.expand import expand
-from opencv_tools.robot.xacro.process import expand_apart, Limits
+from opencv_tools.robot.xacro.process import expand_apart, XacroLimits
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 import pytest
@@ -38,20 +38,22 @@ UNINTERRUPTIBLE = 'max(range(10**15))'
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('content', 'limits', 'message'), [
-    (EXPONENTIAL + '\n<link name="${a12}"/>', Limits(memory=200_000_000),
+    (EXPONENTIAL + '\n<link name="${a12}"/>', XacroLimits(memory=200_000_000),
      ':2: <link>: needs more memory than the limit'),
-    ('\n<link name="${[[n] for n in range(10**9)]}"/>', Limits(memory=200_000_000),
+    ('\n<link name="${[[n] for n in range(10**9)]}"/>', XacroLimits(memory=200_000_000),
      'needs more memory than the limit'),
-    ('\n<link name="${\'a\' * 10**10}"/>', Limits(), ':2: <link>: needs more memory'),
-    (f'\n<link name="${{{SLOW}}}"/>', Limits(seconds=1),
+    ('\n<link name="${\'a\' * 10**10}"/>', XacroLimits(), ':2: <link>: needs more memory'),
+    (f'\n<link name="${{{SLOW}}}"/>', XacroLimits(seconds=1),
      ':2: <link>: expansion needs more than 1 s of processor time; look for an expression'),
-    (f'\n<link name="${{{UNINTERRUPTIBLE}}}"/>', Limits(seconds=1, grace=0),
+    (f'\n<link name="${{{UNINTERRUPTIBLE}}}"/>', XacroLimits(seconds=1, grace=0),
      ': expansion needs more than 1 s of processor time'),
-    (f'\n<link name="${{{SLOW}}}"/>', Limits(wait=0.5), ': expansion timed out after 0.5 s; lo'),
-    (f'\n<link name="${{{UNINTERRUPTIBLE}}}"/>', Limits(wait=0.5, grace=0), ': expansion timed'),
+    (f'\n<link name="${{{SLOW}}}"/>', XacroLimits(wait=0.5),
+     ': expansion timed out after 0.5 s; lo'),
+    (f'\n<link name="${{{UNINTERRUPTIBLE}}}"/>', XacroLimits(wait=0.5, grace=0),
+     ': expansion timed'),
 ])
 def test_limits_of_memory_and_time(
-        content: str, limits: Limits, message: str, tmp_path: Path) -> None:
+        content: str, limits: XacroLimits, message: str, tmp_path: Path) -> None:
     path = tmp_path / 'a.xacro'
     report = Report()
     data = f'{HEAD}{content}</robot>'.encode()

@@ -35,20 +35,20 @@ from opencv_tools.viewer import stream as stream_module
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.feed import Feed, NewFrame
-from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.region import Region
 from opencv_tools.viewer.stream import Stream
 import pytest
 from waiting import due, LONGEST_SECONDS, pause_loop, until
 
 _THREADS = 2
-OPTIONS = ViewOptions(width=0, quality=80, rate=1000.0)
+OPTIONS = ViewRequest(width=0, quality=80, rate=1000.0)
 
 
 class Receiver:
     """A page that keeps what a channel sends."""
 
-    def __init__(self, stream: Stream, options: ViewOptions = OPTIONS) -> None:
+    def __init__(self, stream: Stream, options: ViewRequest = OPTIONS) -> None:
         self.pictures: list[tuple[NewFrame, Picture]] = []
         self.channel = Channel(stream, options, self._receive)
 
@@ -110,10 +110,10 @@ def test_newest_frame_is_sent_at_once_and_again_with_new_options() -> None:
         page = Receiver(stream)
         assert (await page.wait(1)).width == 640
         page.channel.answered(1)
-        page.channel.set_options(ViewOptions(width=100, quality=80, rate=1000.0))
+        page.channel.set_options(ViewRequest(width=100, quality=80, rate=1000.0))
         assert (await page.wait(2)).width == 160
         page.channel.answered(2)
-        page.channel.set_options(ViewOptions(width=100, quality=80, rate=1000.0, fixed=True))
+        page.channel.set_options(ViewRequest(width=100, quality=80, rate=1000.0, fixed=True))
         assert (await page.wait(3)).width == 100
 
     run(work)
@@ -132,7 +132,7 @@ def test_image_that_grows_is_sent_in_full_size_at_once() -> None:
 
 def test_equal_options_share_an_encoding() -> None:
     async def work(stream: Stream, _: Console) -> None:
-        narrow = ViewOptions(width=320, quality=80, rate=1000.0)
+        narrow = ViewRequest(width=320, quality=80, rate=1000.0)
         pages = [Receiver(stream, options) for options in (OPTIONS, OPTIONS, narrow, narrow)]
         stream.feed.put(ReceivedMessage(image(), 0))
         pictures = [await page.wait(1) for page in pages]
@@ -172,7 +172,7 @@ def test_nothing_is_encoded_without_a_channel() -> None:
 
 def test_broken_images_are_counted_once() -> None:
     async def work(stream: Stream, log: Console) -> None:
-        pages = [Receiver(stream), Receiver(stream, ViewOptions(width=80, quality=9, rate=99.0))]
+        pages = [Receiver(stream), Receiver(stream, ViewRequest(width=80, quality=9, rate=99.0))]
         stream.feed.put(ReceivedMessage(WireCompressedImage(
             header=NO_HEADER, format='jpeg', data=b'\xff\xd8'), 0))
         await until(lambda: stream.broken == 1)
@@ -191,7 +191,7 @@ def test_jpeg_of_a_page_with_fixed_quality_is_encoded_again() -> None:
     jpeg = encode_image(np.full((48, 64), 90, np.uint8), '.jpg').tobytes()
 
     async def work(stream: Stream, _: Console) -> None:
-        fixed = ViewOptions(width=0, quality=20, rate=1000.0, fixed=True)
+        fixed = ViewRequest(width=0, quality=20, rate=1000.0, fixed=True)
         pages = Receiver(stream), Receiver(stream, fixed)
         stream.feed.put(ReceivedMessage(WireCompressedImage(
             header=NO_HEADER, format='jpeg', data=jpeg), 0))

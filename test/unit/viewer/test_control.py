@@ -21,7 +21,7 @@ from functools import partial
 from typing import Any
 
 from conftest import executor_of, spin_until
-from opencv_tools.viewer.control import Control
+from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import RequestError
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
@@ -43,7 +43,7 @@ def pair(node: Node) -> Iterator[tuple[Node, Node]]:
 
 def call(node: Node, others: tuple[Node, ...], service_type: Any, name: str) -> Any:
     """Return the answer of a service, and raise what its call raises."""
-    control = Control(node)
+    control = CameraControl(node)
     with executor_of(node) as executor:
         for other in others:
             executor.add_node(other)
@@ -101,6 +101,6 @@ def test_only_services_of_nodes_are_recorders(node: Node, pair: tuple[Node, Node
     pair[0].create_service(Trigger, '~/save', lambda _, answer: answer)
     for name in ('/save', '/maps/save', '/right/saves/save'):
         pair[1].create_service(Trigger, name, lambda _, answer: answer)
-    control = Control(node)
+    control = CameraControl(node)
     spin_until(node, lambda: '/right/saves/save' in dict(node.get_service_names_and_types()))
     assert control.nodes([])['recorders'] == ['/left']

@@ -34,7 +34,7 @@ from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.history import History, message_size
-from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.steps import Steps
 from opencv_tools.viewer.stream import Stream
 import pytest
@@ -42,7 +42,7 @@ from waiting import due, pause_loop, until
 
 KEY, OTHER = ('/front', 'auto'), ('/rear', 'auto')
 SIZE = 30_000
-LIVE = ViewOptions(quality=80, rate=1000.0, looks=True)
+LIVE = ViewRequest(quality=80, rate=1000.0, looks=True)
 PAUSED = replace(LIVE, held=True)
 
 

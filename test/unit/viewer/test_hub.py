@@ -30,7 +30,7 @@ from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.graph import Graph, GraphState, ViewTopic
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.parameters import ViewerSettings
-from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.protocol import ViewRequest
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -93,10 +93,10 @@ def run(node: Node) -> Run:
 
 def test_wishes_within_the_parameters(run: Run) -> None:
     async def work(hub: Hub) -> None:
-        assert hub.options(ViewOptions()) == ViewOptions(width=800, quality=70, rate=20)
-        assert hub.options(ViewOptions(width=320, quality=30, rate=5, fixed=True)) == ViewOptions(
+        assert hub.options(ViewRequest()) == ViewRequest(width=800, quality=70, rate=20)
+        assert hub.options(ViewRequest(width=320, quality=30, rate=5, fixed=True)) == ViewRequest(
             width=320, quality=30, rate=5, fixed=True)
-        assert hub.options(ViewOptions(width=1280, quality=90, rate=60)) == ViewOptions(
+        assert hub.options(ViewRequest(width=1280, quality=90, rate=60)) == ViewRequest(
             width=800, quality=90, rate=20)
 
     run(work)

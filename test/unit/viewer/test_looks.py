@@ -34,12 +34,12 @@ from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.looks import Looks, MAX_LOOKS
-from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.stream import Stream
 import pytest
 from waiting import pause_loop, until
 
-OPTIONS = ViewOptions(quality=80, rate=1000.0, looks=True)
+OPTIONS = ViewRequest(quality=80, rate=1000.0, looks=True)
 QUALITIES = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
 PIXEL, HISTOGRAM = {'pixel': '/front', 'at': [0, 0]}, {'histogram': '/front', 'region': None}
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from opencv_tools.image.errors import ImageError
 from opencv_tools.viewer.overlays.page_overlays import camera_json, CameraOverlay, MAX_INFO_BYTES
-from opencv_tools.viewer.overlays.sources import CameraSource
+from opencv_tools.viewer.overlays.sources import CameraInfoSource
 from opencv_tools.viewer.overlays.topics import CALIBRATION
 import pytest
 from rclpy.serialization import serialize_message
@@ -65,7 +65,7 @@ def test_messages_that_cannot_be_used() -> None:
 def test_overlay_is_sent_when_it_has_changed() -> None:
     sent: list[dict[str, Any]] = []
     size: list[tuple[int, int]] = []
-    source = CameraSource(KEY)
+    source = CameraInfoSource(KEY)
     overlay = CameraOverlay(source, '/front', lambda: size[-1] if size else None, sent.append)
     source.watchers.add(overlay.look)
     assert overlay.describe() == 'no message on /front/camera_info yet'

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from hypothesis import given, strategies
-from opencv_tools.viewer.rate_limit import RateLimit
+from opencv_tools.viewer.rate_limit import EvenRate
 import pytest
 
 
@@ -72,7 +72,7 @@ class Shown:
 
     def __post_init__(self) -> None:
         self.loop = Loop()
-        self.limit = RateLimit(cast(Any, self.loop), self.try_newest)
+        self.limit = EvenRate(cast(Any, self.loop), self.try_newest)
 
     def try_newest(self) -> None:
         if self.newest is not None and self.limit.allows(self.rate, self.source_rate):
@@ -118,7 +118,7 @@ def test_last_frame_of_a_camera_that_ends_is_shown() -> None:
 
 def test_nobody_is_woken_after_the_end() -> None:
     loop, woken = Loop(), list[int]()
-    limit = RateLimit(cast(Any, loop), lambda: woken.append(1))
+    limit = EvenRate(cast(Any, loop), lambda: woken.append(1))
     assert limit.allows(1.0) and not limit.allows(1.0)
     limit.close()
     loop.run_until(200)

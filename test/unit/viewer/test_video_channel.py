@@ -32,15 +32,15 @@ from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer import video_channel
 from opencv_tools.viewer.encoded_video import EncodedVideo
 from opencv_tools.viewer.packets import PacketFeed, PACKETS, ViewedPacket
-from opencv_tools.viewer.protocol import ViewOptions
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.stream import Stream
 from opencv_tools.viewer.video_channel import VideoChannel
 from opencv_tools.viewer.video_link import VideoLink
-from opencv_tools.viewer.video_source import PublishedVideo, VideoSource
+from opencv_tools.viewer.video_source import PacketSource, PublishedVideo
 import pytest
 from waiting import pause_loop, until
 
-OPTIONS = ViewOptions(quality=80, rate=1000.0, video=True)
+OPTIONS = ViewRequest(quality=80, rate=1000.0, video=True)
 
 
 class Clock:
@@ -55,7 +55,7 @@ class Clock:
 class Receiver:
     """A page that keeps what a channel sends."""
 
-    def __init__(self, source: VideoSource, clock: Clock | None = None,
+    def __init__(self, source: PacketSource, clock: Clock | None = None,
                  codecs: frozenset[str] = frozenset(('h264',))) -> None:
         self.packets: list[ViewedPacket] = []
         self.reasons: list[str] = []

@@ -26,7 +26,7 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.protocol import (
     base_name, finite, MAX_MESSAGE_BYTES, MAX_TOPICS, number_of, pack_frame, pack_video,
     parse_codecs, parse_message, parse_options, parse_point, parse_region, pong, step_width,
-    topic_of, unpack_frame, unpack_video, valid_number, ViewOptions)
+    topic_of, unpack_frame, unpack_video, valid_number, ViewRequest)
 from opencv_tools.viewer.region import Region
 import pytest
 
@@ -80,25 +80,25 @@ def test_rubbish_is_refused(text: str | bytes) -> None:
 
 
 def test_options_of_a_subscription() -> None:
-    assert parse_options(parse_message('{"subscribe": "/a"}')) == ViewOptions()
+    assert parse_options(parse_message('{"subscribe": "/a"}')) == ViewRequest()
     assert parse_options(json.loads(
         '{"width": 640, "quality": 80, "rate": 10, "fixed": true, "range": [-1, 2.5]}')) == (
-            ViewOptions(width=640, quality=80, rate=10, fixed=True, limits=(-1, 2.5)))
+            ViewRequest(width=640, quality=80, rate=10, fixed=True, limits=(-1, 2.5)))
     assert parse_options({'region': [2, 4, 320, 240], 'looks': True, 'held': True}) == (
-        ViewOptions(region=Region(x=2, y=4, width=320, height=240), looks=True, held=True))
+        ViewRequest(region=Region(x=2, y=4, width=320, height=240), looks=True, held=True))
     assert parse_options({'range': None}).limits is None
-    assert parse_options({'colors': 'gray', 'video': True}) == ViewOptions(
+    assert parse_options({'colors': 'gray', 'video': True}) == ViewRequest(
         colors='gray', video=True)
     assert parse_options({'fixed': 1, 'video': 'true', 'looks': [True], 'held': None}) == (
-        ViewOptions())
+        ViewRequest())
 
 
 def test_largest_and_smallest_options() -> None:
-    assert parse_options({'width': 65_535, 'quality': 100, 'rate': 1000}) == ViewOptions(
+    assert parse_options({'width': 65_535, 'quality': 100, 'rate': 1000}) == ViewRequest(
         width=65_535, quality=100, rate=1000.0)
-    assert parse_options({'width': 1, 'quality': 1, 'rate': 0.001}) == ViewOptions(
+    assert parse_options({'width': 1, 'quality': 1, 'rate': 0.001}) == ViewRequest(
         width=1, quality=1, rate=0.001)
-    assert parse_options({'width': 0, 'quality': 0, 'rate': 0}) == ViewOptions()
+    assert parse_options({'width': 0, 'quality': 0, 'rate': 0}) == ViewRequest()
     assert parse_options({'range': [-1e300, 1e300]}).limits == (-1e300, 1e300)
     assert parse_region([0, 0, 1, 1]) == Region(x=0, y=0, width=1, height=1)
     assert parse_region([2**31] * 4) == Region(x=2**31, y=2**31, width=2**31, height=2**31)
@@ -106,7 +106,7 @@ def test_largest_and_smallest_options() -> None:
 
 
 def test_view_without_requests() -> None:
-    options = ViewOptions()
+    options = ViewRequest()
     assert {name: value for name, value in asdict(options).items() if value is not None} == {
         'width': 0, 'quality': 0, 'rate': 0.0, 'colors': 'turbo',
         **dict.fromkeys(('fixed', 'video', 'slow', 'looks', 'held'), False)}
@@ -114,7 +114,7 @@ def test_view_without_requests() -> None:
     with pytest.raises(FrozenInstanceError):
         options.width = 5  # type: ignore[misc]
     with pytest.raises(TypeError):
-        ViewOptions(640)  # type: ignore[misc]
+        ViewRequest(640)  # type: ignore[misc]
 
 
 @pytest.mark.parametrize(('message', 'text'), [
