@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
+import inspect
 import traceback
 
 import pytest
@@ -38,3 +40,32 @@ def failures(check: Callable[..., object], rows: Iterable[tuple[object, ...]]) -
             line = traceback.extract_tb(err.__traceback__)[-1].lineno
             failed.append(f'{row}: line {line}: {type(err).__name__}: {err}')
     return failed
+
+
+def each_row(names: str | tuple[str, ...], rows: Iterable[object]
+             ) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """
+    Return a decorator like ``pytest.mark.parametrize``, but of one test that checks all rows.
+
+    The rows share the fixtures of the test, so none of them may leave anything behind in these.
+    """
+    def decorated(check: Callable[..., None]) -> Callable[..., None]:
+        signature = inspect.signature(check)
+        columns = (names,) if isinstance(names, str) else names
+        kept = [(row,) if isinstance(names, str) else row for row in rows]
+
+        def test(**fixtures: object) -> None:
+            by_name = partial(_by_name, partial(check, **fixtures), columns)
+            assert failures(by_name, kept) == []
+
+        test.__name__, test.__doc__, test.__module__ = (
+            check.__name__, check.__doc__, check.__module__)
+        test.__signature__ = signature.replace(parameters=[  # type: ignore[attr-defined]
+            one for name, one in signature.parameters.items() if name not in columns])
+        return test
+
+    return decorated
+
+
+def _by_name(check: Callable[..., None], columns: tuple[str, ...], *row: object) -> None:
+    check(**dict(zip(columns, row, strict=True)))

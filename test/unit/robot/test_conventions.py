@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from functools import cache
-from itertools import combinations, pairwise
+from itertools import combinations
 import math
 from pathlib import Path
 from typing import Any

@@ -24,6 +24,7 @@ from drawn_robots import near
 import numpy as np
 from opencv_tools.robot.drawing.labels import Labels
 import pytest
+from rows import each_row
 
 
 def test_labels_without_overlaps() -> None:
@@ -59,7 +60,7 @@ def boxes_of(axes: Any) -> list[Any]:
             for text in axes.texts if text.get_text()]
 
 
-@pytest.mark.parametrize(('point', 'side', 'angle'), [
+@each_row(('point', 'side', 'angle'), [
     ((0.5, 0.5), 'left', 25), ((0.999, 0.5), 'right', 155), ((0.5, 0.999), 'left', -60),
     ((0.999, 0.999), 'right', 240), ((0.001, 0.001), 'left', 60)])
 def test_label_position_near_its_point(

@@ -92,7 +92,7 @@ def test_positions_in_the_title() -> None:
 
 def test_positions_in_the_picture() -> None:
     axes = drawn(ARM, {'elbow': math.pi / 2, 'slide': 0.1})
-    lines = {line for text in [*axes[0].figure.texts, *(text for one in axes for text in one.texts)]
+    lines = {line for part in (axes[0].figure, *axes) for text in part.texts
              for line in text.get_text().split('\n')}
     assert {'robot arm at elbow=1.5708, slide=0.1', '0.5', 'rpy 0 1.571 0', 'tool, moved'} <= lines
 
@@ -104,7 +104,8 @@ FORMULA, FORMULA_WORD = 'a$b$_{c} <&>', 'a$b$_{c} &lt;&amp;&gt;'
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('geometry', [
     Capsule(0.5, 1.0), Mesh('a.stl'), None])
-def test_every_geometry_of_a_link_with_formula_characters(tmp_path: Path, geometry: Geometry | None) -> None:
+def test_every_geometry_and_a_name_like_a_formula(
+        tmp_path: Path, geometry: Geometry | None) -> None:
     path = tmp_path / 'robot.svg'
     plotted(tutorial(geometry, FORMULA), path)
     found = words(path)

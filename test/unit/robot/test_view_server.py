@@ -98,8 +98,9 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     robot.parent.mkdir(parents=True)
     (robot.parent / 'a.stl').write_bytes(b'triangles')
     (robot.parent / 'a.png').write_bytes(b'picture')
+    names = '../../outside.png', 'a.png'
     (robot.parent / 'a.dae').write_text(''.join(
-        f'<image><init_from>{name}</init_from></image>' for name in ('../../outside.png', 'a.png')))
+        f'<image><init_from>{name}</init_from></image>' for name in names))
     with (robot.parent / 'large.stl').open('wb') as file:
         file.truncate(LARGE)
     robot.write_text('<robot name="r"><link name="base">' + ''.join(
