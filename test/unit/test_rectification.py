@@ -20,7 +20,7 @@ from typing import Any
 
 from calibrations import ANY_MACHINE, camera_infos
 import cv2
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 from images import random_image
 import numpy as np
 from opencv_tools.image.color import convert
@@ -293,13 +293,17 @@ def test_sizes_that_cannot_be_rectified(width: int, height: int) -> None:
         Rectifier().rectify(np.zeros((height, width), np.uint8), GRAY8, info)
 
 
-@ANY_MACHINE
-@given(info=camera_infos(st.floats()), name=st.sampled_from(['mono8', 'bgr16', '32FC1']),
-       is_fitting=st.booleans(), model=st.sampled_from(['plumb_bob', 'equidistant', '']),
-       d=st.sampled_from([0, 4, 5, 8, 14]).flatmap(
+any_calibration = given(
+    info=camera_infos(st.floats()),
+    name=st.sampled_from(['mono8', 'bgr16', '32FC1']),
+    is_fitting=st.booleans(),
+    model=st.sampled_from(['plumb_bob', 'equidistant', '']),
+    d=st.sampled_from([0, 4, 5, 8, 14]).flatmap(
            lambda count: st.lists(st.floats(), min_size=count, max_size=count)),
-       focal=st.floats(1e-300, 1e300))
-def test_any_calibration_gives_an_image_or_an_error(
+    focal=st.floats(1e-300, 1e300))
+
+
+def check_any_calibration_gives_an_image_or_an_error(
         info: CameraInfo, name: str, is_fitting: bool, model: str, d: list[float],
         focal: float) -> None:
     if is_fitting:
@@ -315,3 +319,10 @@ def test_any_calibration_gives_an_image_or_an_error(
         assert len(str(err)) < 300 and str(err).isprintable()
     else:
         assert rectified.shape == image.shape
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [30, 100])
+def test_any_calibration_gives_an_image_or_an_error(examples: int) -> None:
+    check = any_calibration(check_any_calibration_gives_an_image_or_an_error)
+    settings(ANY_MACHINE, max_examples=examples)(check)()

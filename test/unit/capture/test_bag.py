@@ -304,11 +304,14 @@ def test_broken_message_is_reported_and_the_next_one_is_read(
     assert len(reasons) == 1 and f'a message of {TOPIC} cannot be read: ' in str(reasons[0])
 
 
-@settings(max_examples=200, deadline=None)
-@given(changes=strategies.lists(strategies.tuples(
+any_changes = given(
+    changes=strategies.lists(strategies.tuples(
     strategies.integers(0, 200), strategies.binary(min_size=1, max_size=5)), max_size=4),
-    is_raw=strategies.booleans(), length=strategies.integers(0, 300))
-def test_hostile_messages_raise_nothing_else_than_their_errors(
+    is_raw=strategies.booleans(),
+    length=strategies.integers(0, 300))
+
+
+def check_hostile_messages_raise_nothing_else_than_their_errors(
         tmp_path_factory: pytest.TempPathFactory, changes: list[tuple[int, bytes]],
         is_raw: bool, length: int) -> None:
     entry = image_entry(1, random_image('bgr8', 4, 6), 'bgr8') if is_raw else compressed_entry(
@@ -328,6 +331,14 @@ def test_hostile_messages_raise_nothing_else_than_their_errors(
         assert '\n' not in str(err)
     finally:
         source.close()
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [50, 200])
+def test_hostile_messages_raise_nothing_else_than_their_errors(
+        examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    check = any_changes(check_hostile_messages_raise_nothing_else_than_their_errors)
+    settings(max_examples=examples)(check)(tmp_path_factory=tmp_path_factory)
 
 
 @pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
