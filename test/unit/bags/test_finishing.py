@@ -278,7 +278,7 @@ def test_random_cuts_of_a_long_bag(tmp_path: Path) -> None:
               for number in range(60)]
     writer.close()
     content = path.read_bytes()
-    for _ in range(20):
+    for _ in range(8):
         size = chosen.randrange(HEADER_BYTES + 20, len(content))
         path.write_bytes(content[:size])
         frames = finish_bag(path)

@@ -257,8 +257,8 @@ def test_consistent_messages_during_saving(tmp_path: Path) -> None:
     saving = Thread(target=_save)
     saving.start()
     try:
-        last, changes, watch = 0.0, 0, Watch('20 changes', {'changes': lambda: changes})
-        while changes < 20:
+        last, changes, watch = 0.0, 0, Watch('5 changes', {'changes': lambda: changes})
+        while changes < 5:
             watch.check()
             message = calibration.message(Header(), 4, 3)
             (number,) = {*message.k[::4], *message.p[::5], *message.d}
