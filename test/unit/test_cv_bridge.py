@@ -69,9 +69,9 @@ VARIANTS = {
 
 
 any_array = given(
-    encoding=st.sampled_from([*(name for name, found in ENCODINGS.items()
-                                   if found.row_factor == 1),
-                                 '8UC1', '8SC2', '16SC3', '32SC4', '32FC1', '64FC5']),
+    encoding=st.sampled_from([
+        *(name for name, found in ENCODINGS.items() if found.row_factor == 1),
+        '8UC1', '8SC2', '16SC3', '32SC4', '32FC1', '64FC5']),
     height=st.integers(0, 12),
     width=st.integers(0, 12),
     variants=st.lists(st.sampled_from(sorted(VARIANTS)), max_size=3),

@@ -308,7 +308,7 @@ any_calibration = given(
     is_fitting=st.booleans(),
     model=st.sampled_from(['plumb_bob', 'equidistant', '']),
     d=st.sampled_from([0, 4, 5, 8, 14]).flatmap(
-           lambda count: st.lists(st.floats(), min_size=count, max_size=count)),
+        lambda count: st.lists(st.floats(), min_size=count, max_size=count)),
     focal=st.floats(1e-300, 1e300))
 
 

@@ -245,7 +245,7 @@ def read_damaged(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> No
 
 any_damage = given(
     positions=strategies.lists(strategies.tuples(
-    strategies.integers(0, 1 << 16), strategies.binary(min_size=1, max_size=9)), max_size=6))
+        strategies.integers(0, 1 << 16), strategies.binary(min_size=1, max_size=9)), max_size=6))
 
 
 def check_damaged_bytes_raise_nothing_else_than_bag_errors(

@@ -266,7 +266,7 @@ def test_chunk_of_more_records_than_bytes(tmp_path: Path, data: bytes) -> None:
 
 any_damage = given(
     positions=strategies.lists(strategies.tuples(
-    strategies.integers(0, 5000), strategies.binary(min_size=1, max_size=9)), max_size=6),
+        strategies.integers(0, 5000), strategies.binary(min_size=1, max_size=9)), max_size=6),
     options=strategies.sampled_from([SMALL_CHUNKS, {'use_chunking': False}, {'chunk_size': 300}]))
 
 
@@ -298,13 +298,13 @@ def test_damaged_bytes_raise_nothing_else_than_bag_errors(
 
 any_records = given(
     content=strategies.lists(strategies.one_of(
-    strategies.binary(max_size=60),
-    strategies.builds(record, strategies.integers(0, 16), strategies.binary(max_size=60)),
-    strategies.builds(message, strategies.integers(0, 1 << 31)),
-    strategies.builds(
-        chunk, strategies.binary(max_size=60), strategies.sampled_from([b'', b'lz4', b'zstd']),
-        strategies.integers(0, 1 << 63), strategies.integers(0, 9),
-        strategies.integers(0, 1 << 63)))))
+        strategies.binary(max_size=60),
+        strategies.builds(record, strategies.integers(0, 16), strategies.binary(max_size=60)),
+        strategies.builds(message, strategies.integers(0, 1 << 31)),
+        strategies.builds(
+            chunk, strategies.binary(max_size=60), strategies.sampled_from([b'', b'lz4', b'zstd']),
+            strategies.integers(0, 1 << 63), strategies.integers(0, 9),
+            strategies.integers(0, 1 << 63)))))
 
 
 def check_random_records_raise_nothing(

@@ -145,8 +145,8 @@ LINES = strategies.sampled_from([
 
 
 any_text = given(
-    strategies.one_of(strategies.text(max_size=200),
-                         strategies.lists(LINES, max_size=12).map('\n'.join)))
+    strategies.one_of(
+        strategies.text(max_size=200), strategies.lists(LINES, max_size=12).map('\n'.join)))
 
 
 @example('string s ' + '"\\' * 480)

@@ -194,7 +194,7 @@ def test_reader_without_writer(memory: FrameMemory) -> None:
 
 any_header = given(
     sizes=strategies.tuples(*[strategies.one_of(
-    strategies.integers(0, 30), strategies.integers(0, 2**32 - 1))] * 3),
+        strategies.integers(0, 30), strategies.integers(0, 2**32 - 1))] * 3),
     payload=strategies.binary(max_size=40))
 
 
@@ -366,9 +366,9 @@ def test_malformed_announcements(text: str, reason: str) -> None:
 
 any_announcement = given(
     strategies.one_of(strategies.text(), strategies.recursive(
-    strategies.one_of(strategies.none(), strategies.integers(), strategies.text()),
-    lambda inner: strategies.dictionaries(strategies.sampled_from(
-        ('version', 'service', 'boot', 'memory', 'user')), inner)).map(json.dumps)))
+        strategies.one_of(strategies.none(), strategies.integers(), strategies.text()),
+        lambda inner: strategies.dictionaries(strategies.sampled_from(
+            ('version', 'service', 'boot', 'memory', 'user')), inner)).map(json.dumps)))
 
 
 def check_hostile_announcements(text: str) -> None:
