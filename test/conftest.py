@@ -98,11 +98,20 @@ HANG_SECONDS = 900.0
 _ARM_SECONDS = 60.0  # between new starts of the watch, each of which starts a thread
 _armed_at = -math.inf
 _stderr = -1  # before pytest captures it
+_may_start_processes = True  # the test that runs
 
 # Domains 1 to 100 are safe on Linux. Each worker starts at another domain and locks it. The locks
 # are in /dev/shm, because Fast DDS meets other processes there, also those of containers.
 _LOCKS = Path('/dev/shm')
 _domains = itertools.count(os.getpid() * 7)
+
+
+def _inherited() -> list[object]:
+    """Return what processes inherit from this one, apart from its environment."""
+    return [os.sched_getscheduler(0), *map(signal.getsignal, END_SIGNALS)]
+
+
+_inherited_at_first = _inherited()
 
 
 def peak_memory(script: str, *arguments: object) -> int:
@@ -243,12 +252,9 @@ def executable(name: str) -> str:
     return str(shutil.which(name, path=beside))
 
 
-@pytest.fixture(autouse=True)
-def _no_unmarked_process(
-        request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True, scope='session')
+def _no_unmarked_process() -> Iterator[None]:
     """Fail a test that starts a process without the mark ``process``."""
-    if request.node.get_closest_marker('process') is not None:
-        return
     start_process = subprocess.Popen.__init__
 
     def _start(*arguments: Any, **keywords: Any) -> None:
@@ -256,11 +262,30 @@ def _no_unmarked_process(
         while frame.f_back and frame.f_code.co_filename == subprocess.__file__:
             frame = frame.f_back
         # Libraries may start processes: matplotlib lists the fonts once.
-        if Path(frame.f_code.co_filename).is_relative_to(Path(__file__).parent):
+        if not _may_start_processes and Path(frame.f_code.co_filename).is_relative_to(
+                Path(__file__).parent):
             pytest.fail('a test that starts a process needs the mark pytest.mark.process')
         start_process(*arguments, **keywords)
 
-    monkeypatch.setattr(subprocess.Popen, '__init__', _start)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess.Popen, '__init__', _start)
+        yield
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
+    """Note whether the test may start processes, also in its fixtures."""
+    global _may_start_processes
+    _may_start_processes = item.get_closest_marker('process') is not None
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Iterator[Any]:
+    """Check that a test has changed nothing that later tests and processes would inherit."""
+    result = yield
+    assert _inherited() == _inherited_at_first
+    return result
 
 
 def pytest_configure() -> None:
@@ -369,29 +394,26 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield number
 
 
-@pytest.fixture(autouse=True)
-def _environment(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch,
-                 tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Reserve a domain for a test that starts processes; one that has none can create no node."""
-    monkeypatch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
+@pytest.fixture(autouse=True, scope='session')
+def _environment(request: pytest.FixtureRequest,
+                 tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Set the environment of all tests; one that has no domain can create no node."""
     # Kept between runs for the fonts that matplotlib looks for.
     home = request.config.rootpath / '.pytest_cache' / 'home'
     home.mkdir(parents=True, exist_ok=True)
-    monkeypatch.setenv('HOME', str(home))
-    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    monkeypatch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
-    if request.node.get_closest_marker('process'):
-        request.getfixturevalue('domain')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv('ROS_HOME', str(tmp_path_factory.getbasetemp() / 'ros_home'))
+        patch.setenv('HOME', str(home))
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+        patch.setenv('ROS_DOMAIN_ID', 'none, as the test does not use the fixture `domain`')
+        yield
 
 
 @pytest.fixture(autouse=True)
-def _kept_process() -> Iterator[None]:
-    """Check that a test changes nothing that later processes would inherit."""
-    handlers = list(map(signal.getsignal, END_SIGNALS))
-    policy = os.sched_getscheduler(0)
-    yield
-    assert list(map(signal.getsignal, END_SIGNALS)) == handlers
-    assert os.sched_getscheduler(0) == policy
+def _domain_of_processes(request: pytest.FixtureRequest) -> None:
+    """Reserve a domain for a test that starts processes."""
+    if _may_start_processes:
+        request.getfixturevalue('domain')
 
 
 @pytest.fixture
