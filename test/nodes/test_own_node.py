@@ -216,22 +216,26 @@ class Failing(FrameNode):
 
 sys.exit(main(Failing))
 """
+# What a callback does, the status of the node, and a line that it prints.
+RAISED = ("raise RuntimeError('of the user')", 1, 'RuntimeError: of the user')
+EXITED = ('sys.exit(3)', 3, 'closed')
 
 
-def test_callbacks_that_fail_end_the_node(start: Start, tmp_path: Path) -> None:
+@pytest.mark.quick_cases(2)
+@pytest.mark.parametrize(('threaded', 'failure', 'status', 'last_line'), [
+    (False, *RAISED), (True, *EXITED), (True, *RAISED), (False, *EXITED)])
+def test_callback_that_fails_ends_the_node(
+        start: Start, tmp_path: Path, threaded: bool, failure: str, status: int,
+        last_line: str) -> None:
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
-    for failure, status, last_line in (
-            ("raise RuntimeError('of the user')", 1, 'RuntimeError: of the user'),
-            ('sys.exit(3)', 3, 'closed')):
-        for threaded in (False, True):
-            finished = subprocess.run(
-                [sys.executable, '-c', FAILING_NODE.format(threaded=threaded, failure=failure)],
-                capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False, cwd=tmp_path)
-            assert finished.returncode == status, (failure, threaded, finished.stderr)
-            printed = finished.stdout.split()
-            assert (printed.count('frame'), printed.count('closed')) == (1, 1)
-            assert finished.stderr.count('Traceback') == (status == 1)
-            assert last_line in (finished.stdout + finished.stderr).splitlines()
+    finished = subprocess.run(
+        [sys.executable, '-c', FAILING_NODE.format(threaded=threaded, failure=failure)],
+        capture_output=True, text=True, timeout=LONGEST_SECONDS, check=False, cwd=tmp_path)
+    assert finished.returncode == status, finished.stderr
+    printed = finished.stdout.split()
+    assert (printed.count('frame'), printed.count('closed')) == (1, 1)
+    assert finished.stderr.count('Traceback') == (status == 1)
+    assert last_line in (finished.stdout + finished.stderr).splitlines()
 
 
 SLOW_NODE = """

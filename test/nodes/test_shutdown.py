@@ -46,7 +46,7 @@ SIGNALS = pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_clean_exit_of_both_nodes(
         start: Start, tmp_path: Path, number: int) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
-    publisher = start('img_publisher', source='pattern:640x480@60', publish_rate=0,
+    publisher = start('img_publisher', source='pattern:160x120@30', publish_rate=0,
                       wait_for_subscribers=1)
     subscriber.wait_for(' Hz, ')
     segments = subscriber.segments() | publisher.segments()
@@ -66,7 +66,7 @@ def test_clean_exit_of_both_nodes(
     written = read_pictures(tmp_path / 'out')
     assert len(written) == received
     assert len(read_manifest(tmp_path / 'out')) == received
-    assert all(np.array_equal(picture, draw_pattern(index, 640, 480))
+    assert all(np.array_equal(picture, draw_pattern(index, 160, 120))
                for index, picture in enumerate(written))
     assert not [segment for segment in segments if segment.exists()]
 
@@ -89,7 +89,7 @@ def test_exit_while_waiting(
 
 def test_queued_frames_are_written_at_exit(start: Start, tmp_path: Path) -> None:
     subscriber = start('img_subscriber', output_dir=tmp_path / 'out')
-    publisher = start('img_publisher', source='pattern:1280x720', publish_rate=100, max_frames=40,
+    publisher = start('img_publisher', source='pattern:1280x720', publish_rate=100, max_frames=20,
                       wait_for_subscribers=1)
     assert publisher.finish() == 0, publisher.output
     subscriber.interrupt()

@@ -29,7 +29,7 @@ README.md and the pages of docs: their programs run, their commands and links na
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import importlib.util
 import json
 import os
@@ -47,6 +47,7 @@ from documented_commands import check_command, check_span, PARAMETERS
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.nodes.parameters import describe_parameters
 import pytest
+from rows import failures
 from waiting import LONGEST_SECONDS
 
 TEXTS = (*PAGES, *map(Path, ('CONTRIBUTING.md', 'RELEASING.md', 'SECURITY.md')))
@@ -160,45 +161,54 @@ def test_systemd_unit(block: Block, tmp_path: Path) -> None:
     assert (finished.returncode, finished.stderr) == (0, '')
 
 
-def in_languages(*languages: str) -> pytest.MarkDecorator:
-    """Return the parameters of a test of all blocks in these languages."""
-    return pytest.mark.parametrize('block', [
-        pytest.param(block, id=block.name) for block in BLOCKS if block.language in languages])
+def wrong_blocks(check: Callable[[Block], None], *languages: str) -> list[str]:
+    """Return the blocks in these languages of which a check fails, and the reasons."""
+    return failures(check, ((block,) for block in BLOCKS if block.language in languages))
 
 
-@in_languages('bash')
-def test_background_processes_end(block: Block) -> None:
-    last = [*block.commands()][-1][0]
-    assert ' &\n' not in block.code or last.startswith(('kill ', 'wait')), block.name
+def test_background_processes_end() -> None:
+    def check(block: Block) -> None:
+        last = [*block.commands()][-1][0]
+        assert ' &\n' not in block.code or last.startswith(('kill ', 'wait')), block.name
+
+    assert wrong_blocks(check, 'bash') == []
 
 
-@pytest.mark.parametrize('block', [pytest.param(block, id=block.name) for block in BLOCKS])
-def test_language_and_marks_of_a_block(block: Block) -> None:
-    assert block.language in (*RUN, *SHOWN), f'{block.name}: write it as one of {RUN}'
-    assert block.marks_are_known(), f'{block.name}: unknown mark in {block.marks}'
-    assert block.language in RUN or not block.marks, f'{block.name}: a mark without a run'
+def test_language_and_marks_of_a_block() -> None:
+    def check(block: Block) -> None:
+        assert block.language in (*RUN, *SHOWN), f'{block.name}: write it as one of {RUN}'
+        assert block.marks_are_known(), f'{block.name}: unknown mark in {block.marks}'
+        assert block.language in RUN or not block.marks, f'{block.name}: a mark without a run'
+
+    assert wrong_blocks(check, *(block.language for block in BLOCKS)) == []
 
 
-@in_languages(*RUN, *SHOWN)
-def test_prompt_of_a_block(block: Block) -> None:
-    assert block.code.startswith('$ ') == (block.language == 'console'), (
-        f'{block.name}: a console, and nothing else, begins with a command after "$ "')
+def test_prompt_of_a_block() -> None:
+    def check(block: Block) -> None:
+        assert block.code.startswith('$ ') == (block.language == 'console'), (
+            f'{block.name}: a console, and nothing else, begins with a command after "$ "')
+
+    assert wrong_blocks(check, *RUN, *SHOWN) == []
 
 
-@in_languages('bash', 'console')
-def test_commands_of_a_block(block: Block) -> None:
-    for line, _ in block.commands():
-        check_command(line)
+def test_commands_of_a_block() -> None:
+    def check(block: Block) -> None:
+        for line, _ in block.commands():
+            check_command(line)
+
+    assert wrong_blocks(check, 'bash', 'console') == []
 
 
-@in_languages('python')
-def test_syntax_of_python(block: Block) -> None:
-    compile(block.code, block.name, 'exec')
+def test_syntax_of_python() -> None:
+    def check(block: Block) -> None:
+        compile(block.code, block.name, 'exec')
+
+    assert wrong_blocks(check, 'python') == []
 
 
-@pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in TEXTS])
-def test_links(page: Path) -> None:
-    assert [link for link in read_links(page) if not leads_somewhere(page, link)] == []
+def test_links() -> None:
+    assert [f'{page}: {link}' for page in TEXTS for link in read_links(page)
+            if not leads_somewhere(page, link)] == []
 
 
 def leads_somewhere(page: Path, link: str) -> bool:
@@ -210,10 +220,12 @@ def leads_somewhere(page: Path, link: str) -> bool:
     return (ROOT / target).exists() and (not anchor or anchor in read_anchors(target))
 
 
-@pytest.mark.parametrize('page', [pytest.param(page, id=str(page)) for page in TEXTS])
-def test_names_in_text(page: Path) -> None:
-    for span in read_spans(page):
-        check_span(span)
+def test_names_in_text() -> None:
+    def check(page: Path) -> None:
+        for span in read_spans(page):
+            check_span(span)
+
+    assert failures(check, ((page,) for page in TEXTS)) == []
 
 
 def test_readme_is_a_front_door() -> None:

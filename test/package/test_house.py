@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 import importlib.util
 import io
@@ -64,46 +65,83 @@ def _load_write_imports() -> ModuleType:
 WRITE_IMPORTS = _load_write_imports()
 
 
+@dataclass
+class Facts:
+    """What the tests know of the definitions of some sources, each by ``file:name``."""
+
+    lengths: dict[str, int] = field(default_factory=dict)
+    parameters: dict[str, int] = field(default_factory=dict)
+    methods: dict[str, int] = field(default_factory=dict)
+    late: dict[str, list[str]] = field(default_factory=dict)
+    code_lines: dict[str, int] = field(default_factory=dict)
+
+
+def read_facts(sources: Mapping[str, str]) -> Facts:
+    """Read each source once, and keep no trees: they have a million objects."""
+    facts = Facts()
+    for path, text in sources.items():
+        # A docstring, a comment and an import are no code.
+        code = {number for token in tokenize.generate_tokens(io.StringIO(text).readline)
+                if token.type not in NO_CODE
+                for number in range(token.start[0], token.end[0] + 1)}
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Import | ast.ImportFrom) or (
+                    isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+                code -= {*range(node.lineno, (node.end_lineno or 0) + 1)}
+            name = f'{path}:{getattr(node, "name", "")}'
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                keep_most(facts.lengths, name, (node.end_lineno or 0) - node.lineno + 1)
+                keep_most(facts.parameters, name, count_parameters(node))
+                if node.name == '__init__':
+                    facts.late.setdefault(path, []).extend(late_attributes(node))
+            elif isinstance(node, ast.ClassDef):
+                keep_most(facts.methods, name, sum(
+                    isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)
+                    for one in ast.iter_child_nodes(node)))
+        facts.code_lines[path] = len(code)
+    return facts
+
+
+def keep_most(counts: dict[str, int], name: str, count: int) -> None:
+    """Keep the largest count of a name, which several definitions of a file may have."""
+    counts[name] = max(count, counts.get(name, 0))
+
+
+def count_parameters(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Count the parameters of a function without ``self``."""
+    names = [one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+    return len(names) - (names[:1] in (['self'], ['cls']))
+
+
+def late_attributes(constructor: ast.FunctionDef | ast.AsyncFunctionDef) -> list[str]:
+    """Return the attributes that a constructor sets after it gave a callback to an executor."""
+    late = []
+    is_given = False
+    for statement in constructor.body:
+        nodes = [*ast.walk(statement)]
+        later = [inner for node in nodes if isinstance(node, ast.Lambda)
+                 for inner in ast.walk(node)]
+        gives = any(
+            isinstance(node, ast.Call) and node not in later
+            and _GIVES.fullmatch(ast.unparse(node.func).rpartition('.')[2]) for node in nodes
+        ) and '_NeverExecuted' not in ast.unparse(statement)
+        if is_given and not gives:
+            late += [node.attr for node in nodes if isinstance(node, ast.Attribute)
+                     and isinstance(node.ctx, ast.Store)]
+        is_given |= gives
+    return late
+
+
 @cache
-def _tree(path: str) -> ast.AST:
-    return ast.parse(SOURCES[path])
-
-
-def nodes_of(kind: type | tuple[type, ...]) -> Iterator[tuple[str, ast.AST]]:
-    """Yield each definition of a kind with a name for it: ``file:name``."""
-    for path in SOURCES:
-        for node in ast.walk(_tree(path)):
-            if isinstance(node, kind):
-                yield f'{path}:{getattr(node, "name", "")}', node
-
-
-def functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
-    for name, node in nodes_of((ast.FunctionDef, ast.AsyncFunctionDef)):
-        assert isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        yield name, node
-
-
-def code_lines(path: str) -> int:
-    """Return the number of lines without licence, docstrings, comments, imports and blank ones."""
-    tokens = tokenize.generate_tokens(io.StringIO(SOURCES[path]).readline)
-    lines = {number for token in tokens if token.type not in NO_CODE
-             for number in range(token.start[0], token.end[0] + 1)}
-    for node in ast.walk(_tree(path)):
-        body = getattr(node, 'body', None)
-        text = body[0] if isinstance(body, list) and body else None
-        is_text = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
-        removed = node if isinstance(node, ast.Import | ast.ImportFrom) else (
-            text if is_text else None)
-        if removed is not None:
-            lines -= {*range(removed.lineno, (removed.end_lineno or 0) + 1)}
-    return len(lines)
+def facts_of_the_package() -> Facts:
+    return read_facts(SOURCES)
 
 
 def test_code_lines_by_room() -> None:
     rooms: Counter[str] = Counter()
-    for path in SOURCES:
+    for path, lines in facts_of_the_package().code_lines.items():
         _, *folder, _ = path.split('/')
-        rooms[folder[0] if folder else ''] += code_lines(path)
+        rooms[folder[0] if folder else ''] += lines
     assert {room: lines for room, lines in rooms.items() if lines > BUDGET.get(room, 0)} == {}
     assert sum(BUDGET.values()) - sum(rooms.values()) < 300, 'take what a room gave back off'
 
@@ -130,38 +168,26 @@ def test_page_of_the_viewer_has_at_most_3000_lines() -> None:
 
 
 def test_functions_have_at_most_50_lines() -> None:
-    lengths = {name: (node.end_lineno or 0) - node.lineno + 1 for name, node in functions()}
+    lengths = facts_of_the_package().lengths
     assert len(lengths) > 1000
     assert {name: length for name, length in lengths.items() if length > 50} == {}
 
 
 def test_class_names_occur_once() -> None:
     files: dict[str, list[str]] = {}
-    for name, _ in nodes_of(ast.ClassDef):
-        path, _, name = name.partition(':')
+    for path, _, name in (full.partition(':') for full in facts_of_the_package().methods):
         if not name.startswith('_'):
             files.setdefault(name, []).append(path)
     assert {name: paths for name, paths in files.items() if len(paths) > 1} == {}
 
 
 def test_few_signatures_have_more_than_6_parameters() -> None:
-    long = {}
-    for name, node in functions():
-        names = [one.arg for one in (
-            *node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
-        count = len(names) - (names[:1] in (['self'], ['cls']))
-        if count > 6:
-            long[name] = count
+    long = {name: count for name, count in facts_of_the_package().parameters.items() if count > 6}
     assert len(long) <= 5, long
 
 
 def test_few_classes_have_more_than_12_methods() -> None:
-    large = {}
-    for name, node in nodes_of(ast.ClassDef):
-        count = sum(isinstance(one, ast.FunctionDef | ast.AsyncFunctionDef)
-                    for one in ast.iter_child_nodes(node))
-        if count > 12:
-            large[name] = count
+    large = {name: count for name, count in facts_of_the_package().methods.items() if count > 12}
     assert len(large) <= 8, large
 
 
@@ -183,30 +209,10 @@ def test_circle_is_found() -> None:
     assert WRITE_IMPORTS.circles(graph) == ['b', 'c']
 
 
-def late_attributes(text: str) -> list[str]:
-    """Return the attributes that constructors set after they gave a callback to an executor."""
-    late = []
-    for method in ast.walk(ast.parse(text)):
-        if not isinstance(method, ast.FunctionDef) or method.name != '__init__':
-            continue
-        is_given = False
-        for statement in method.body:
-            nodes = [*ast.walk(statement)]
-            later = [inner for node in nodes if isinstance(node, ast.Lambda)
-                     for inner in ast.walk(node)]
-            gives = '_NeverExecuted' not in ast.unparse(statement) and any(
-                isinstance(node, ast.Call) and node not in later
-                and _GIVES.fullmatch(ast.unparse(node.func).rpartition('.')[2]) for node in nodes)
-            if is_given and not gives:
-                late += [node.attr for node in nodes if isinstance(node, ast.Attribute)
-                         and isinstance(node.ctx, ast.Store)]
-            is_given |= gives
-    return late
-
-
 def test_constructors_give_callbacks_to_an_executor_last() -> None:
-    paths = [*(ROOT / 'opencv_tools').rglob('*.py'), *(ROOT / 'examples').rglob('*.py')]
-    late = {path.name: late_attributes(path.read_text()) for path in paths}
+    examples = {path.name: path.read_text() for path in (ROOT / 'examples').rglob('*.py')}
+    late = {**facts_of_the_package().late, **read_facts(examples).late}
+    assert len(late) > 100
     assert {name: names for name, names in late.items() if names} == {}
 
 
@@ -215,8 +221,8 @@ def test_constructors_give_callbacks_to_an_executor_last() -> None:
     'self.s = node.receive_frames("t", self.f) if node else None'])
 def test_late_attribute_is_found(statement: str) -> None:
     lines = ['class A:', ' def __init__(self):', '  self.a = 1', f'  {statement}', '  self.b = 2']
-    assert late_attributes('\n'.join(lines)) == ['b']
-    assert late_attributes('\n'.join([*lines[:2], *lines[4:], lines[3]])) == []
+    texts = {'late': '\n'.join(lines), 'fine': '\n'.join([*lines[:2], *lines[4:], lines[3]])}
+    assert read_facts(texts).late == {'late': ['b'], 'fine': []}
 
 
 def test_picture_of_a_graph() -> None:

@@ -90,9 +90,12 @@ def numbers_of(folder: Path, key: str = FRONT) -> list[int]:
 
 def stamps_of(folder: Path, name: str) -> list[int]:
     """Return the times of the samples of a camera or of a source of numbers in each row."""
-    names = info_of(folder)['features']['stamp_ns']['names']
-    stamps: list[int] = rows_of(folder)['stamp_ns'].reshape(-1, len(names))[
-        :, names.index(name)].tolist()
+    return _stamps(info_of(folder), rows_of(folder), name)
+
+
+def _stamps(info: dict[str, Any], rows: dict[str, np.ndarray], name: str) -> list[int]:
+    names = info['features']['stamp_ns']['names']
+    stamps: list[int] = rows['stamp_ns'].reshape(-1, len(names))[:, names.index(name)].tolist()
     return stamps
 
 
@@ -103,24 +106,25 @@ def check_rows(folder: Path, picture_ns: Callable[[int], int]) -> list[int]:
     :param picture_ns: time of a picture by its number.
     :returns: number in the frame of each row.
     """
-    rows = rows_of(folder)
-    numbers = numbers_of(folder)
+    info, rows, frames = info_of(folder), rows_of(folder), frames_of(folder)
+    numbers = [number_of(image) for _, image in frames]
+    grids = np.array(_stamps(info, rows, 'front'))
     assert len(numbers) == len(rows['index']) > 0
     assert rows['index'].tolist() == list(range(len(numbers)))
-    assert [picture_ns(number) for number in numbers] == stamps_of(folder, 'front')
-    joint_ns = stamps_of(folder, '/joint_states.position')
+    assert [picture_ns(number) for number in numbers] == grids.tolist()
+    joint_ns = _stamps(info, rows, '/joint_states.position')
     assert np.allclose(rows['observation.state'], [joint_values(one) for one in joint_ns],
                        atol=1e-5)
     for episode in episodes_of(folder):
         part = slice(episode['dataset_from_index'], episode['dataset_to_index'])
         assert rows['frame_index'][part].tolist() == list(range(episode['length']))
         begin = episode[f'videos/{FRONT}/from_timestamp']
-        times = [time for time, _ in frames_of(folder)][part]
+        times = [time for time, _ in frames[part]]
         assert np.allclose(np.array(times) - begin, rows['timestamp'][part], atol=1e-4)
         assert np.allclose(rows['timestamp'][part],
-                           rows['frame_index'][part] / info_of(folder)['fps'], atol=1e-5)
-        grid = np.array(stamps_of(folder, 'front'))[part]
-        ages = grid[0] + rows['frame_index'][part] * NANO // info_of(folder)['fps'] - grid
+                           rows['frame_index'][part] / info['fps'], atol=1e-5)
+        grid = grids[part]
+        ages = grid[0] + rows['frame_index'][part] * NANO // info['fps'] - grid
         assert np.abs(ages).max() < NANO
     return numbers
 

@@ -31,7 +31,8 @@ import pytest
 _EDGE = 15.0  # white around the board in mm
 _SAMPLES = 4  # along each side of a pixel
 _CORRECTIONS = 40  # of the inverse of the distortion, which has no formula
-
+_EXACT = 1e-12  # change of a ray after which no more corrections follow
+_COARSE = 8  # samples between those that tell where a board is
 
 #: For tests of boards with markers, which OpenCV finds since 4.7.
 needs_markers = pytest.mark.skipif(
@@ -67,8 +68,9 @@ class Camera:
         self._pictures: dict[Board, NDArray[np.uint8]] = {}
 
     @cached_property
-    def _rays(self) -> NDArray[np.float32]:
-        """Rays of every second pixel, and between them a linear interpolation (0.001 pixels)."""
+    def _samples(self) -> NDArray[np.float32]:
+        """Rays of all samples of an image, which only a drawn board needs."""
+        # Rays of every second pixel, and between them a linear interpolation (0.001 pixels).
         axes = [np.arange(-2, count + 4, 2.0) for count in self.size]
         grid = np.stack(np.meshgrid(*axes), axis=2)
         rays = self.rays(grid.reshape(-1, 2)).reshape(grid.shape).astype(np.float32)
@@ -88,10 +90,15 @@ class Camera:
             bent = np.maximum(np.linalg.norm(target, axis=1), 1e-9)
             angle = bent.copy()
             for _ in range(_CORRECTIONS):
-                angle = bent / (1 + self._powers(angle))
+                before, angle = angle, bent / (1 + self._powers(angle))
+                if np.abs(angle - before).max() < _EXACT:
+                    break
             return target * (np.tan(np.minimum(angle, 1.55)) / bent)[:, None]
         for _ in range(_CORRECTIONS):
-            rays -= self._distort(rays) - target
+            change = self._distort(rays) - target
+            rays -= change
+            if np.abs(change).max() < _EXACT:
+                break
         return rays
 
     def _distort(self, rays: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -132,7 +139,8 @@ class Camera:
     def mix(self, boards: list[tuple[Board, Pose]], blur: float = 0.7, noise: float = 3.0,
             seed: int = 0) -> NDArray[np.uint8]:
         """Draw several boards."""
-        large = np.full(self._rays.shape[:2], 110, np.uint8)
+        samples = self._samples
+        large = np.full(samples.shape[:2], 110, np.uint8)
         for board, pose in boards:
             scale = round(8 * board.square * 1000) / (board.square * 1000)
             if board not in self._pictures:
@@ -142,21 +150,37 @@ class Camera:
             # Board to rays: the columns of the rotation, and the upper left of the board.
             corner = pose.translation - rotation @ np.array([*board.size, 0]) / 2
             plane = np.linalg.inv(np.column_stack((rotation[:, :2], corner))).astype(np.float32)
-            rays = self._rays
-            x, y, z = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in plane)
-            z = np.where(z > 1e-6, z, np.nan)
-            places = [(value / z * 1000 + _EDGE) * scale - 0.5 for value in (x, y)]
+            part = _surroundings(_places(
+                samples[::_COARSE, ::_COARSE], plane, scale, picture.shape)[1])
+            places, inside = _places(samples[part], plane, scale, picture.shape)
             seen = cv2.remap(picture, *(np.nan_to_num(place, nan=-1e4).astype(np.float32)
                                         for place in places), cv2.INTER_LINEAR,
                              borderMode=cv2.BORDER_CONSTANT, borderValue=110)
-            inside = (z > 0) & (np.abs(places[0] / picture.shape[1] - 0.5) < 0.5) & (
-                np.abs(places[1] / picture.shape[0] - 0.5) < 0.5)
-            large[inside] = seen[inside]
+            large[part][inside] = seen[inside]
         # Black ink is not 0, and white paper is not 255.
         image = cv2.resize(large, self.size, interpolation=cv2.INTER_AREA).astype(np.float32)
         image = cv2.GaussianBlur(image * 0.7 + 30, (0, 0), blur) if blur else image * 0.7 + 30
         noises = np.random.default_rng(seed).normal(0, noise, image.shape)
         return np.clip(np.rint(image + noises), 0, 255).astype(np.uint8)
+
+
+def _places(rays: NDArray[np.float32], plane: NDArray[np.float32], scale: float,
+            shape: tuple[int, ...]) -> tuple[list[NDArray[np.float32]], NDArray[np.bool_]]:
+    """Return where rays meet the picture of a board, and whether they meet it at all."""
+    x, y, z = (rays[..., 0] * row[0] + rays[..., 1] * row[1] + row[2] for row in plane)
+    z = np.where(z > 1e-6, z, np.nan)
+    places = [(value / z * 1000 + _EDGE) * scale - 0.5 for value in (x, y)]
+    inside = (z > 0) & (np.abs(places[0] / shape[1] - 0.5) < 0.5) & (
+        np.abs(places[1] / shape[0] - 0.5) < 0.5)
+    return places, inside
+
+
+def _surroundings(coarse: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the part of all samples that contains a board, by every ``_COARSE``-th sample."""
+    found = (np.flatnonzero(coarse.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (slice(max(0, one[0] - 3) * _COARSE, (one[-1] + 4) * _COARSE)
+                     if len(one) else slice(0, None) for one in found)
+    return rows, columns
 
 
 @cache

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from functools import lru_cache
 import json
 import os
 from pathlib import Path
@@ -54,8 +55,9 @@ LARGEST = 1080 * 1920 * 3  # bytes for which the process of a camera reserves me
 WINDOW = 5  # frames on their way; fewer than any queue holds
 
 
+@lru_cache(256)
 def picture(number: int, encoding: str = '16UC1', height: int = 3, width: int = 5) -> np.ndarray:
-    """Return the random pixels of a numbered frame."""
+    """Return the random pixels of a numbered frame, which are read-only."""
     found = find_encoding(encoding)
     rows = found.rows(height)
     shape = (rows, width) if found.channels == 1 else (rows, width, found.channels)

@@ -68,14 +68,18 @@ VARIANTS = {
 }
 
 
-@settings(max_examples=500, deadline=None)
-@given(encoding=st.sampled_from([*(name for name, found in ENCODINGS.items()
-                                   if found.row_factor == 1),
-                                 '8UC1', '8SC2', '16SC3', '32SC4', '32FC1', '64FC5']),
-       height=st.integers(0, 12), width=st.integers(0, 12),
-       variants=st.lists(st.sampled_from(sorted(VARIANTS)), max_size=3),
-       is_writeable=st.booleans(), padding=st.integers(0, 70))
-def test_round_trip_of_any_array_by_message_and_wire(
+any_array = given(
+    encoding=st.sampled_from([
+        *(name for name, found in ENCODINGS.items() if found.row_factor == 1),
+        '8UC1', '8SC2', '16SC3', '32SC4', '32FC1', '64FC5']),
+    height=st.integers(0, 12),
+    width=st.integers(0, 12),
+    variants=st.lists(st.sampled_from(sorted(VARIANTS)), max_size=3),
+    is_writeable=st.booleans(),
+    padding=st.integers(0, 70))
+
+
+def check_round_trip_of_any_array_by_message_and_wire(
         encoding: str, height: int, width: int, variants: list[str], is_writeable: bool,
         padding: int) -> None:
     bridge = CvBridge()
@@ -98,6 +102,12 @@ def test_round_trip_of_any_array_by_message_and_wire(
         step=message.step + padding, is_bigendian=message.is_bigendian,
         data=np.pad(rows, ((0, 0), (0, padding))).tobytes())
     np.testing.assert_array_equal(bridge.imgmsg_to_cv2(padded), expected)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [125, 500])
+def test_round_trip_of_any_array_by_message_and_wire(examples: int) -> None:
+    settings(max_examples=examples)(any_array(check_round_trip_of_any_array_by_message_and_wire))()
 
 
 def test_passthrough_is_a_view_that_keeps_the_data_alive() -> None:

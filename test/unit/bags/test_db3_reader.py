@@ -243,10 +243,12 @@ def read_damaged(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> No
         assert '\n' not in str(err)
 
 
-@settings(max_examples=200, deadline=None)
-@given(positions=strategies.lists(strategies.tuples(
-    strategies.integers(0, 1 << 16), strategies.binary(min_size=1, max_size=9)), max_size=6))
-def test_damaged_bytes_raise_nothing_else_than_bag_errors(
+any_damage = given(
+    positions=strategies.lists(strategies.tuples(
+        strategies.integers(0, 1 << 16), strategies.binary(min_size=1, max_size=9)), max_size=6))
+
+
+def check_damaged_bytes_raise_nothing_else_than_bag_errors(
         tmp_path_factory: pytest.TempPathFactory, whole: bytes,
         positions: list[tuple[int, bytes]]) -> None:
     content = bytearray(whole)
@@ -254,6 +256,14 @@ def test_damaged_bytes_raise_nothing_else_than_bag_errors(
         position %= len(content)
         content[position:position + len(data)] = data
     read_damaged(tmp_path_factory, content)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [50, 200])
+def test_damaged_bytes_raise_nothing_else_than_bag_errors(
+        examples: int, tmp_path_factory: pytest.TempPathFactory, whole: bytes) -> None:
+    check = any_damage(check_damaged_bytes_raise_nothing_else_than_bag_errors)
+    settings(max_examples=examples)(check)(tmp_path_factory=tmp_path_factory, whole=whole)
 
 
 def test_cut_file_raises_nothing_else_than_bag_errors(

@@ -264,11 +264,13 @@ def test_chunk_of_more_records_than_bytes(tmp_path: Path, data: bytes) -> None:
     assert len(reports) == 1 and 'it has more records than bytes' in reports[0]
 
 
-@settings(max_examples=300, deadline=None)
-@given(positions=strategies.lists(strategies.tuples(
-    strategies.integers(0, 5000), strategies.binary(min_size=1, max_size=9)), max_size=6),
+any_damage = given(
+    positions=strategies.lists(strategies.tuples(
+        strategies.integers(0, 5000), strategies.binary(min_size=1, max_size=9)), max_size=6),
     options=strategies.sampled_from([SMALL_CHUNKS, {'use_chunking': False}, {'chunk_size': 300}]))
-def test_damaged_bytes_raise_nothing_else_than_bag_errors(
+
+
+def check_damaged_bytes_raise_nothing_else_than_bag_errors(
         tmp_path_factory: pytest.TempPathFactory, positions: list[tuple[int, bytes]],
         options: dict[str, Any]) -> None:
     path = tmp_path_factory.getbasetemp() / 'damaged.mcap'
@@ -286,20 +288,38 @@ def test_damaged_bytes_raise_nothing_else_than_bag_errors(
         assert not any('\n' in report for report in reports)
 
 
-@settings(max_examples=200, deadline=None)
-@given(content=strategies.lists(strategies.one_of(
-    strategies.binary(max_size=60),
-    strategies.builds(record, strategies.integers(0, 16), strategies.binary(max_size=60)),
-    strategies.builds(message, strategies.integers(0, 1 << 31)),
-    strategies.builds(
-        chunk, strategies.binary(max_size=60), strategies.sampled_from([b'', b'lz4', b'zstd']),
-        strategies.integers(0, 1 << 63), strategies.integers(0, 9),
-        strategies.integers(0, 1 << 63)))))
-def test_random_records_raise_nothing(
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_damaged_bytes_raise_nothing_else_than_bag_errors(
+        examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    check = any_damage(check_damaged_bytes_raise_nothing_else_than_bag_errors)
+    settings(max_examples=examples)(check)(tmp_path_factory=tmp_path_factory)
+
+
+any_records = given(
+    content=strategies.lists(strategies.one_of(
+        strategies.binary(max_size=60),
+        strategies.builds(record, strategies.integers(0, 16), strategies.binary(max_size=60)),
+        strategies.builds(message, strategies.integers(0, 1 << 31)),
+        strategies.builds(
+            chunk, strategies.binary(max_size=60), strategies.sampled_from([b'', b'lz4', b'zstd']),
+            strategies.integers(0, 1 << 63), strategies.integers(0, 9),
+            strategies.integers(0, 1 << 63)))))
+
+
+def check_random_records_raise_nothing(
         tmp_path_factory: pytest.TempPathFactory, content: list[bytes]) -> None:
     path = tmp_path_factory.getbasetemp() / 'random.mcap'
     path.write_bytes(START + b''.join(content) + message(9))
     read_all(path)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [50, 200])
+def test_random_records_raise_nothing(
+        examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    check = any_records(check_random_records_raise_nothing)
+    settings(max_examples=examples)(check)(tmp_path_factory=tmp_path_factory)
 
 
 BOMBS = {

@@ -147,7 +147,7 @@ def test_shards_keep_what_they_have(bags: Path, tmp_path: Path, capsys: Errors) 
 @pytest.mark.parametrize('size', [2_000, 8_000])
 def test_full_disk_is_an_error_and_leaves_nothing(
         size: int, form: str, tmp_path: Path, capsys: Errors) -> None:
-    bag = Drive(seconds=2).write(tmp_path / 'a.mcap')
+    bag = Drive(seconds=1).write(tmp_path / 'a.mcap')
     with disk_of(size):
         status = convert(bag, tmp_path / 'set', *USUAL, form=form)
     errors = capsys.readouterr().err

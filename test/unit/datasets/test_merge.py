@@ -72,7 +72,7 @@ def check_equal(one: Path, other: Path) -> None:
     assert all(np.array_equal(left[1], right[1]) for left, right in zip(*pictures, strict=True))
 
 
-@pytest.mark.parametrize('count', [25, pytest.param(100, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize('count', [12, pytest.param(100, marks=pytest.mark.thorough)])
 def test_shards_are_equal_to_one_run(
         count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_fleet(tmp_path / 'bags', count)
@@ -96,8 +96,8 @@ def test_shards_are_equal_to_one_run(
         f'task {number % 3}' for number, length in zip(order, lengths) for _ in range(length)]
     check_statistics(tmp_path / 'set')
     # Files of a limited size.
-    monkeypatch.setattr(merge, 'DATA_MEGABYTES', 0.002)
-    monkeypatch.setattr(merge, 'VIDEO_MEGABYTES', 0.01)
+    monkeypatch.setattr(merge, 'DATA_MEGABYTES', 0.0005)
+    monkeypatch.setattr(merge, 'VIDEO_MEGABYTES', 0.007)
     monkeypatch.setattr(merge, 'CHUNK_FILES', 3)
     monkeypatch.setattr('opencv_tools.datasets.merge._MEGABYTE', 1 << 20)
     assert main([*words, '--overwrite']) == 0

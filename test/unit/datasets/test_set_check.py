@@ -46,14 +46,24 @@ Errors = pytest.CaptureFixture[str]
 Change = Callable[[Path], object]
 
 
+def made_of(seconds: float, folder: Path) -> Path:
+    """Make a set of two episodes."""
+    for name in ('a', 'b'):
+        Drive(seconds=seconds).write(folder / f'bags/{name}.mcap')
+    assert convert(folder / 'bags', folder / 'set', *USUAL) == 0
+    return folder / 'set'
+
+
 @pytest.fixture(scope='module')
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a set of two episodes of 30 rows."""
-    folder = tmp_path_factory.mktemp('made')
-    for name in ('a', 'b'):
-        Drive(seconds=1).write(folder / f'bags/{name}.mcap')
-    assert convert(folder / 'bags', folder / 'set', *USUAL) == 0
-    return folder / 'set'
+    return made_of(1, tmp_path_factory.mktemp('made'))
+
+
+@pytest.fixture(scope='module')
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a set of two episodes of 3 rows."""
+    return made_of(0.1, tmp_path_factory.mktemp('small'))
 
 
 @pytest.fixture
@@ -250,13 +260,13 @@ def problems_of(folder: Path) -> list[str]:
 @settings(max_examples=60, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_no_value_in_json_is_too_hostile(made: Path, tmp_path: Path, data: st.DataObject) -> None:
+def test_no_value_in_json_is_too_hostile(small: Path, tmp_path: Path, data: st.DataObject) -> None:
     folder = tmp_path / 'set'
     if not folder.exists():
-        shutil.copytree(made, folder)
+        shutil.copytree(small, folder)
         (folder / VIDEO).unlink()
     name = data.draw(st.sampled_from(['info', 'info', 'stats']))
-    original = json.loads((made / f'meta/{name}.json').read_text())
+    original = json.loads((small / f'meta/{name}.json').read_text())
     content = inner = json.loads(json.dumps(original))
     for _ in range(data.draw(st.integers(0, 3))):
         if isinstance(inner, dict) and inner:
@@ -280,25 +290,25 @@ columns = st.sampled_from([
 @settings(max_examples=50, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_no_table_is_too_hostile(made: Path, tmp_path: Path, data: st.DataObject) -> None:
+def test_no_table_is_too_hostile(small: Path, tmp_path: Path, data: st.DataObject) -> None:
     folder = tmp_path / 'set'
     if not folder.exists():
-        shutil.copytree(made, folder)
+        shutil.copytree(small, folder)
     name = data.draw(st.sampled_from([DATA, EPISODES, PRINTS, 'meta/tasks.parquet']))
-    table = pq.read_table(made / name)
+    table = pq.read_table(small / name)
     column = data.draw(st.sampled_from([
         one for one in table.column_names if not one.startswith('stats/')]))
     kind = data.draw(columns)
     values = data.draw(st.lists(st.sampled_from([None, 0, 1, 7]), min_size=table.num_rows,
                                 max_size=table.num_rows))
-    made_of = {'string': str, 'binary': lambda one: bytes(one), 'bool': bool,
-               'list<': lambda one: [float(one)], 'dict': str}
-    form = next((call for start, call in made_of.items() if str(kind).startswith(start)), int)
+    forms = {'string': str, 'binary': lambda one: bytes(one), 'bool': bool,
+             'list<': lambda one: [float(one)], 'dict': str}
+    form = next((call for start, call in forms.items() if str(kind).startswith(start)), int)
     array = pa.array([None if one is None else form(one) for one in values], kind)
     changed = table.set_column(table.column_names.index(column), column, array)
     pq.write_table(changed, folder / name)
     problems = problems_of(folder)
-    shutil.copy(made / name, folder / name)
+    shutil.copy(small / name, folder / name)
     assert all('\n' not in line and line.isprintable() for line in problems)
     # Only texts of tasks, numbers of the table itself, and the same number 0 may be replaced.
     same = changed

@@ -21,6 +21,7 @@ import numpy as np
 from opencv_tools.datasets.statistics import (
     ImageStatistics, joined, numbers_statistics, sampled_rows)
 import pytest
+from rows import each_row
 
 LEVELS = {'q01': 0.01, 'q10': 0.1, 'q50': 0.5, 'q90': 0.9, 'q99': 0.99}
 numbers = st.floats(-1e6, 1e6, allow_subnormal=False)
@@ -112,7 +113,7 @@ def test_large_image_is_sampled_as_lerobot_does() -> None:
     assert np.allclose(counted.statistics()['mean'].ravel(), small.mean(axis=0))
 
 
-@pytest.mark.parametrize(('count', 'samples'), [
+@each_row(('count', 'samples'), [
     (1, 1), (99, 99), (100, 100), (500, 105), (10_000, 1000), (10_000_000, 10_000)])
 def test_rows_whose_images_are_counted(count: int, samples: int) -> None:
     rows = sampled_rows(count)

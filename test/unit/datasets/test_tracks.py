@@ -88,9 +88,9 @@ def refused(folder: Path, drive: Drive, errors: Errors, *words: object) -> str:
 
 @pytest.mark.quick_cases(3)
 @pytest.mark.parametrize(('drive', 'words', 'fps', 'suffix'), [
-    (Drive(), (), 30, '.mcap'),
-    (Drive(), (), 30, ''),  # SQLite
-    (Drive(lost=frozenset({7, 8, 9, 30, 31, 58})), (), 30, '.mcap'),
+    (Drive(seconds=1.0), (), 30, '.mcap'),
+    (Drive(seconds=1.0), (), 30, ''),  # SQLite
+    (Drive(seconds=1.0, lost=frozenset({7, 8, 9, 15, 16, 28})), (), 30, '.mcap'),
     (Drive(jitter_ns=12_000_000), (), 30, '.mcap'),
     (Drive(jitter_ns=12_000_000, lost=frozenset({5})), ('--align-images', 'nearest'), 30, '.mcap'),
     (Drive(first=21), (), 30, '.mcap'),
@@ -141,21 +141,23 @@ def test_linear_numbers_are_those_of_the_times_of_the_rows(tmp_path: Path) -> No
 
 def moved(drive: Drive, stamp_of: Callable[[int], int]) -> list[Entry]:
     """Return numbered pictures that are recorded in time, but whose stamps are others."""
-    return [jpeg_entry(number, stamp_of(drive.picture_ns(number)),
-                       log_ns=drive.picture_ns(number)) for number in range(60)]
+    return [jpeg_entry(number, stamp_of(drive.picture_ns(number)), log_ns=drive.picture_ns(number))
+            for number in range(round(30 * drive.seconds))]
 
 
 @pytest.mark.parametrize(('stamp_of', 'reason'), [
-    (lambda time_ns: 0, r'60 stamps of front \(.*\) are zero'),
-    (lambda time_ns: 0 if time_ns > BEGAN + S else time_ns, r'29 stamps of front .* are zero'),
+    (lambda time_ns: 0, r'30 stamps of front \(.*\) are zero'),
+    (lambda time_ns: 0 if time_ns > BEGAN + S // 2 else time_ns,
+     r'14 stamps of front .* are zero'),
     (lambda time_ns: time_ns - 2 * S, r'the stamps of \S+ are 1\.999 s ahead .* two clocks'),
-    (lambda time_ns: time_ns - 300 * S * (time_ns > BEGAN + S),
-     r'stamps of front .* jump by -299\.967 s after message 30'),
-    (lambda time_ns: time_ns + 9 * S * (time_ns > BEGAN + S), r'jump by 9\.033 s after message'),
+    (lambda time_ns: time_ns - 300 * S * (time_ns > BEGAN + S // 2),
+     r'stamps of front .* jump by -299\.967 s after message 15'),
+    (lambda time_ns: time_ns + 9 * S * (time_ns > BEGAN + S // 2),
+     r'jump by 9\.033 s after message'),
 ])
 def test_wrong_stamps_are_refused_and_the_log_is_right(
         stamp_of: Callable[[int], int], reason: str, tmp_path: Path, capsys: Errors) -> None:
-    drive = Drive(topics=())
+    drive = Drive(seconds=1.0, topics=())
     drive.others = moved(drive, stamp_of)
     error = refused(tmp_path, drive, capsys, *USUAL)
     assert re.search(f'1 of 1, bad.mcap: .*{reason}.*; use --clock log', error), error
@@ -345,28 +347,28 @@ def test_odd_size_and_one_row(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('lost', 'warning'), [
-    ((), ''), ((31, 32), 'pictures cannot be decoded'),
-    ((0,), 'front: 19 messages before the first key frame are left out')])
+    ((), ''), ((16, 17), 'pictures cannot be decoded'),
+    ((0,), 'front: 9 messages before the first key frame are left out')])
 def test_video_topic_is_decoded_from_its_key_frames(
         lost: tuple[int, ...], warning: str, tmp_path: Path, capsys: Errors) -> None:
-    drive = Drive(topics=())
+    drive = Drive(seconds=1.0, topics=())
     encoder = VideoEncoder(VideoSettings(key_interval=3600.0), 160, 120, 30.0)
-    for number in range(60):
+    for number in range(30):
         time_ns = drive.picture_ns(number)
-        packet = encoder.encode(numbered_picture(number), 'bgr8', time_ns, number in (0, 20, 40))
+        packet = encoder.encode(numbered_picture(number), 'bgr8', time_ns, number in (0, 10, 20))
         header = WireHeader(*divmod(time_ns, NANO), 'cam')
         cdr = video_to_cdr(FFMPEG_PACKET, header, packet, number)
         topic = '/lost' if number in lost else '/cam0/ffmpeg'
         drive.others.append(Entry(time_ns, cdr, topic, FFMPEG_PACKET))
-    joints = with_definitions(Drive(topics=()).entries())
+    joints = with_definitions(Drive(seconds=1.0, topics=()).entries())
     bag = write_mcap(tmp_path / 'bag.mcap', [*drive.others, *joints])  # numbered in this order
     for fps, step in ((30, 1), (10, 3)):
         target = tmp_path / f'set{fps}'
         assert convert(bag, target, '--image', 'front=/cam0/ffmpeg', *JOINTS_STATE, fps=fps) == 0
         # After a loss the pictures cannot be decoded up to the next key frame.
         assert check_rows(target, drive.picture_ns) == [
-            30 if 31 in lost and 30 < number < 40 else number
-            for number in range(20 if 0 in lost else 0, 60, step)]
+            15 if 16 in lost and 15 < number < 20 else number
+            for number in range(10 if 0 in lost else 0, 30, step)]
     errors = capsys.readouterr().err
     assert warning in errors if warning else 'warning' not in errors
 

@@ -82,9 +82,7 @@ def without(data: bytes, positions: list[int]) -> bytes:
     return bytes(byte for index, byte in enumerate(data) if index not in positions)
 
 
-@settings(max_examples=300, deadline=None)
-@given(IMAGES)
-def test_image_to_cdr_equals_rclpy(image: WireImage) -> None:
+def check_image_to_cdr_equals_rclpy(image: WireImage) -> None:
     ours, theirs = image_to_cdr(image), serialize_message(message_of(image))
     assert len(ours) == len(theirs)
     assert without(ours, padding_of(image)) == without(theirs, padding_of(image))
@@ -93,9 +91,16 @@ def test_image_to_cdr_equals_rclpy(image: WireImage) -> None:
     assert cdr_to_image(ours) == image
 
 
-@settings(max_examples=200, deadline=None)
-@given(COMPRESSED_IMAGES)
-def test_compressed_image_to_cdr_equals_rclpy(image: WireCompressedImage) -> None:
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_image_to_cdr_equals_rclpy(examples: int) -> None:
+    settings(max_examples=examples)(given(IMAGES)(check_image_to_cdr_equals_rclpy))()
+
+
+any_compressed_image = given(COMPRESSED_IMAGES)
+
+
+def check_compressed_image_to_cdr_equals_rclpy(image: WireCompressedImage) -> None:
     ours, theirs = compressed_image_to_cdr(image), serialize_message(message_of(image))
     assert len(ours) == len(theirs)
     assert without(ours, padding_of(image)) == without(theirs, padding_of(image))
@@ -104,9 +109,14 @@ def test_compressed_image_to_cdr_equals_rclpy(image: WireCompressedImage) -> Non
     assert cdr_to_compressed_image(ours) == image
 
 
-@settings(max_examples=300, deadline=None)
-@given(IMAGES, st.data())
-def test_truncated_message_is_refused(image: WireImage, data: st.DataObject) -> None:
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [50, 200])
+def test_compressed_image_to_cdr_equals_rclpy(examples: int) -> None:
+    check = any_compressed_image(check_compressed_image_to_cdr_equals_rclpy)
+    settings(max_examples=examples)(check)()
+
+
+def check_truncated_message_is_refused(image: WireImage, data: st.DataObject) -> None:
     whole = image_to_cdr(image)
     cut = whole[:data.draw(st.integers(0, len(whole) - 1))]
     with pytest.raises(CdrError):
@@ -115,9 +125,16 @@ def test_truncated_message_is_refused(image: WireImage, data: st.DataObject) -> 
         read_message(cut, IMAGE)
 
 
-@settings(max_examples=300, deadline=None)
-@given(st.binary(max_size=200))
-def test_random_bytes_are_read_or_refused(data: bytes) -> None:
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_truncated_message_is_refused(examples: int) -> None:
+    settings(max_examples=examples)(given(IMAGES, st.data())(check_truncated_message_is_refused))()
+
+
+any_bytes = given(st.binary(max_size=200))
+
+
+def check_random_bytes_are_read_or_refused(data: bytes) -> None:
     for head in (b'', b'\0\0\0\0', b'\0\1\0\0', b'\0\3\0\0'):
         for read in (
                 cdr_to_image, cdr_to_compressed_image, partial(read_message, type_name=IMAGE)):
@@ -127,6 +144,12 @@ def test_random_bytes_are_read_or_refused(data: bytes) -> None:
                 assert str(err)
             else:
                 assert len(image.data) <= len(data)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_random_bytes_are_read_or_refused(examples: int) -> None:
+    settings(max_examples=examples)(any_bytes(check_random_bytes_are_read_or_refused))()
 
 
 def big_endian(image: WireImage) -> bytes:

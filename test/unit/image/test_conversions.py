@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import cv2
 from images import ask_cv_bridge, random_image, recorded_outcomes
@@ -134,15 +134,18 @@ def messages_of(image: np.ndarray, encoding: str) -> Iterator[Image]:
     yield message
 
 
-def sizes_of(encoding: str) -> list[tuple[int, int]]:
-    """Return the sizes that an encoding can have."""
+def sizes_of(encoding: str, sizes: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return those of some sizes that an encoding can have."""
     found = find_encoding(encoding)
     columns, rows = 2 if found.kind == 'yuv' else 1, 2 if found.row_factor == 1.5 else 1
-    return [(height, width) for height, width in SIZES
+    return [(height, width) for height, width in sizes
             if not width % columns and not height % rows]
 
 
-def test_every_conversion_equals_opencv(tell: Callable[[str], None]) -> None:
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('sizes', [SIZES[::3] + SIZES[-1:], SIZES], ids=['few', 'all'])
+def test_every_conversion_equals_opencv(
+        tell: Callable[[str], None], sizes: Sequence[tuple[int, int]]) -> None:
     bridge = CvBridge()
     names = [*dict.fromkeys(desired for _, desired in OUTCOMES)]
     pairs = [(source, desired) for source in SOURCES for desired in names
@@ -150,7 +153,7 @@ def test_every_conversion_equals_opencv(tell: Callable[[str], None]) -> None:
     images = 0
     wrong = []
     for source, desired in pairs:
-        for height, width in sizes_of(source):
+        for height, width in sizes_of(source, sizes):
             image = random_image(source, height, width)
             expected = opencv_conversion(image, source, desired)
             for message in messages_of(image, source):
@@ -185,6 +188,7 @@ def test_every_refusal_has_the_text_of_cv_bridge(tell: Callable[[str], None]) ->
     assert len(refused) > 2000
 
 
+@pytest.mark.thorough
 @pytest.mark.process
 def test_every_conversion_equals_the_installed_cv_bridge(tell: Callable[[str], None]) -> None:
     bridge = CvBridge()
@@ -192,7 +196,7 @@ def test_every_conversion_equals_the_installed_cv_bridge(tell: Callable[[str], N
     unknown = {'uyvy', 'yuyv', 'yuv422_yuy2', 'nv21', 'nv24', '64UC1', '64UC3', '8FC1', '16FC3'}
     jobs = [(source, random_image(source, height, width), desired)
             for source, desired in OUTCOMES if not {source, desired} & unknown
-            for height, width in sizes_of(source)
+            for height, width in sizes_of(source, SIZES)
             if is_converted(source, desired) == (OUTCOMES[source, desired] is None)]
     answered = ask_cv_bridge(jobs)
     if answered is None:

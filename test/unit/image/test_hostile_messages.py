@@ -56,7 +56,7 @@ def examples(count: int) -> settings:
                     suppress_health_check=[HealthCheck.too_slow])
 
 
-@examples(1000)
+@examples(250)
 @random_messages
 @example('mono8', 'bgra16', 2**32 - 1, 0, 0, 0, 0)
 @example('nv12', 'bgr8', 2**32 - 2, 0, 0, 0, 0)
@@ -119,7 +119,7 @@ def check_answer(
         assert row.tobytes() == data[:fitting]
 
 
-@examples(300)
+@examples(100)
 @given(st.binary(max_size=300), st.text(max_size=60),
        st.sampled_from(['passthrough', 'bgr8', 'mono16', '', 'foo']))
 @example(b'\xff\xd8\xff', 'jpeg', 'bgr8')

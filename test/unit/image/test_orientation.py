@@ -48,19 +48,21 @@ def test_orientation_equals_opencv(name: str, flip: str, degrees: int) -> None:
     assert np.array_equal(image, before)
 
 
-@pytest.mark.parametrize(('flip', 'degrees'), WAYS)
 @pytest.mark.parametrize(('height', 'width'), [(6, 8), (5, 8), (6, 7), (5, 7)])
 @pytest.mark.parametrize('name', ['bayer_rggb8', 'bayer_gbrg16'])
-def test_turned_bayer_image_has_the_turned_colours(
-        name: str, height: int, width: int, flip: str, degrees: int) -> None:
+def test_turned_bayer_image_has_the_turned_colours(name: str, height: int, width: int) -> None:
     encoding = find_encoding(name)
     full = np.random.default_rng(7).integers(0, 200, (1, 1, 3)).astype(encoding.dtype)
     scene = np.tile(full, (height, width, 1))  # one colour, which any demosaicing reproduces
     colours = np.tile(np.array(list(encoding.order)).reshape(2, 2), (4, 4))[:height, :width]
     mosaic = np.choose(np.vectorize('bgr'.index)(colours), np.moveaxis(scene, 2, 0))
-    oriented, found = orient(mosaic, encoding, flip, degrees)
-    shown = bayer_to_color(np.ascontiguousarray(oriented), found.order, 'bgr')
-    assert np.array_equal(shown, turned_by_opencv(scene, flip, degrees))
+    wrong = []
+    for flip, degrees in WAYS:
+        oriented, found = orient(mosaic, encoding, flip, degrees)
+        shown = bayer_to_color(np.ascontiguousarray(oriented), found.order, 'bgr')
+        if not np.array_equal(shown, turned_by_opencv(scene, flip, degrees)):
+            wrong.append((flip, degrees))
+    assert not wrong
 
 
 @pytest.mark.parametrize('name', [

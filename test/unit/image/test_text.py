@@ -104,8 +104,8 @@ def test_no_part_of_a_password_is_printed(
 @pytest.mark.parametrize('unit', ['://a', 'rtsp://@', '?key=', '&key=a', '://***@'])
 def test_passwords_of_a_long_text_are_found_soon(unit: str) -> None:
     began = time.process_time()
-    without_password(unit * 100_000)
-    assert time.process_time() - began < LONGEST_SECONDS  # some hours if it were quadratic
+    without_password(unit * 20_000)
+    assert time.process_time() - began < LONGEST_SECONDS  # many minutes if it were quadratic
 
 
 @pytest.mark.parametrize('find', [find_encoding, find_desired])
@@ -172,7 +172,7 @@ def test_source_is_printed_without_its_password() -> None:
         assert '://***@' in message
         assert 'secret' not in message
     with pytest.raises(ParameterError) as raised:
-        flip.accept('rtsp://me:secret@host' + 'a' * 10**6)
+        flip.accept('rtsp://me:secret@host' + 'a' * 10**5)
     assert 'secret' not in str(raised.value)
     assert len(str(raised.value)) < 5000
 

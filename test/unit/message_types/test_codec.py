@@ -161,14 +161,23 @@ def test_claimed_sizes_cost_no_memory() -> None:
         tracemalloc.stop()
 
 
-@settings(max_examples=300, deadline=None)
-@given(strategies.binary(max_size=120), strategies.sampled_from([b'', HEAD, b'\0\0\0\0']))
-def test_any_bytes_are_read_or_refused(codec: MessageCodec, data: bytes, head: bytes) -> None:
+any_bytes = given(
+    strategies.binary(max_size=120),
+    strategies.sampled_from([b'', HEAD, b'\0\0\0\0']))
+
+
+def check_any_bytes_are_read_or_refused(codec: MessageCodec, data: bytes, head: bytes) -> None:
     try:
         found = codec.read(head + data)
     except CdrError:
         return
     assert plain(codec.read(codec.write(found))) == pytest.approx(plain(found), nan_ok=True)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_any_bytes_are_read_or_refused(examples: int, codec: MessageCodec) -> None:
+    settings(max_examples=examples)(any_bytes(check_any_bytes_are_read_or_refused))(codec=codec)
 
 
 def test_arrays_are_read_only() -> None:

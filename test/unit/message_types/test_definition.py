@@ -143,12 +143,14 @@ LINES = strategies.sampled_from([
     'wstring w "', 'x' * 500, '\ud800', 'string s "' + '\\' * 99])
 
 
-@settings(max_examples=300, deadline=None)
-@given(strategies.one_of(strategies.text(max_size=200),
-                         strategies.lists(LINES, max_size=12).map('\n'.join)))
+any_text = given(
+    strategies.one_of(
+        strategies.text(max_size=200), strategies.lists(LINES, max_size=12).map('\n'.join)))
+
+
 @example('string s ' + '"\\' * 480)
 @example('int32[] a [' + ',' * 900)
-def test_any_text_is_read_or_refused(text: str) -> None:
+def check_any_text_is_read_or_refused(text: str) -> None:
     began = time.process_time()
     try:
         found = read_definition('a/A', text)
@@ -157,6 +159,12 @@ def test_any_text_is_read_or_refused(text: str) -> None:
     else:
         assert len(type_hash(found)) == 32
     assert time.process_time() - began < 5
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_any_text_is_read_or_refused(examples: int) -> None:
+    settings(max_examples=examples)(any_text(check_any_text_is_read_or_refused))()
 
 
 def test_lines_of_windows() -> None:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from calibrations import ANY_MACHINE, CALIBRATION, camera_infos, NAMES, OPERATION
-from hypothesis import given
+from hypothesis import given, settings
 import numpy as np
 from opencv_tools.nodes.publisher.calibration_file import (
     CameraInfoError, check_camera_name, read_camera_info, write_camera_info)
@@ -115,9 +115,10 @@ def test_unwritable_paths(file: Path, name: str) -> None:
     assert {*file.parent.iterdir()} == {file, file.parent / 'folder'}
 
 
-@ANY_MACHINE
-@given(info=camera_infos(), name=NAMES)
-def test_round_trip_of_a_calibration(
+any_calibration = given(info=camera_infos(), name=NAMES)
+
+
+def check_round_trip_of_a_calibration(
         tmp_path_factory: pytest.TempPathFactory, info: CameraInfo, name: str) -> None:
     home = tmp_path_factory.mktemp('written')
     path = home / 'new' / 'newer' / 'camera.yaml'
@@ -128,6 +129,14 @@ def test_round_trip_of_a_calibration(
     assert plain['camera_name'] == name
     assert plain['camera_matrix'] == {'rows': 3, 'cols': 3, 'data': info.k.tolist()}
     assert plain['distortion_coefficients']['cols'] == len(info.d)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [30, 100])
+def test_round_trip_of_a_calibration(
+        examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
+    check = any_calibration(check_round_trip_of_a_calibration)
+    settings(ANY_MACHINE, max_examples=examples)(check)(tmp_path_factory=tmp_path_factory)
 
 
 def test_unchanged_file_after_a_refusal(file: Path) -> None:

@@ -92,8 +92,9 @@ def context(domain: int) -> Iterator[Context]:
 
 
 def declare_given(context: Context, table: tuple[Parameter, ...], **given: object) -> Node:
-    """Make a node as at the start, with parameters that were given."""
+    """Make a node as at the start, with parameters that were given, and without services."""
     node = Node('given', context=context, automatically_declare_parameters_from_overrides=True,
+                start_parameter_services=False, enable_rosout=False,
                 parameter_overrides=[rclpy.Parameter(name, value=value)
                                      for name, value in given.items()])
     try:
@@ -109,11 +110,39 @@ def test_names_of_all_parameters() -> None:
         name: list(allowed) for name, allowed in VALUES.items()}
 
 
-@pytest.mark.parametrize(('executable', 'name'), [
-    (executable, name) for executable, allowed in VALUES.items() for name in allowed])
-def test_valid_and_invalid_values(context: Context, executable: str, name: str) -> None:
-    table, allowed = TABLES[executable], VALUES[executable][name]
-    default = next(parameter.default for parameter in table if parameter.name == name)
+@pytest.mark.parametrize('executable', VALUES)
+def test_descriptors_of_all_parameters(context: Context, executable: str) -> None:
+    node = declare_given(context, TABLES[executable])
+    found = {name: node.describe_parameter(name) for name in VALUES[executable]}
+    node.destroy_node()
+    expected, bounds = {}, {}
+    for name, allowed in VALUES[executable].items():
+        descriptor = found[name]
+        is_number = isinstance(allowed, tuple)
+        expected[name] = (executable == 'img_subscriber' or name in FIXED, [
+            (0.0, allowed[1]) if name in RATES else allowed] if is_number else [])
+        bounds[name] = (descriptor.read_only, [(one.from_value, one.to_value) for one in (
+            *descriptor.integer_range, *descriptor.floating_point_range)])
+        text = descriptor.additional_constraints
+        if name in RATES:
+            assert text == f'0 or 0.1 to {allowed[1]:.15g}'
+        elif isinstance(allowed, set) and allowed != {False, True}:
+            listed = {*text.removeprefix('one of: ').split(', ')}
+            assert {str(choice) for choice in allowed if choice != ''} <= listed, name
+        else:
+            assert text == '', name
+    assert bounds == expected
+
+
+@pytest.mark.parametrize('executable', VALUES)
+def test_valid_and_invalid_values(context: Context, executable: str) -> None:
+    for parameter in TABLES[executable]:
+        check_values(context, parameter, VALUES[executable][parameter.name])
+
+
+def check_values(context: Context, parameter: Parameter, allowed: Any) -> None:
+    """Check the values with which a node with one parameter starts, and those it refuses."""
+    name, default = parameter.name, parameter.default
     right: list[object] = [default]
     if allowed is str:
         wrong: list[object] = [True, [1]]
@@ -132,27 +161,13 @@ def test_valid_and_invalid_values(context: Context, executable: str, name: str) 
         right.append(0.0)
         wrong += [1e-300, 0.02, -0.0001]
     for value in right:
-        node = declare_given(context, table, **{name: value})
+        node = declare_given(context, (parameter,), **{name: value})
         got = node.get_parameter(name).value
-        descriptor = node.describe_parameter(name)
         node.destroy_node()
-        assert (got, type(got)) == (value, type(default))
-        assert descriptor.read_only == (executable == 'img_subscriber' or name in FIXED)
+        assert (name, got, type(got)) == (name, value, type(default))
     for value in wrong:
         with pytest.raises(ParameterError, match=f'parameter {name} is '):
-            declare_given(context, table, **{name: value})
-    bounds = [(found.from_value, found.to_value) for found in (
-        *descriptor.integer_range, *descriptor.floating_point_range)]
-    if name in RATES:
-        assert bounds == [(0.0, allowed[1])]
-        assert descriptor.additional_constraints == f'0 or 0.1 to {allowed[1]:.15g}'
-        return
-    assert bounds == ([allowed] if isinstance(allowed, tuple) else [])
-    listed = descriptor.additional_constraints.removeprefix('one of: ').split(', ')
-    if isinstance(allowed, set) and allowed != {False, True}:
-        assert {str(choice) for choice in allowed if choice != ''} <= set(listed)
-    else:
-        assert listed == ['']
+            declare_given(context, (parameter,), **{name: value})
 
 
 @pytest.mark.parametrize('settings', [

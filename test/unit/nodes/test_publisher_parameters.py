@@ -82,7 +82,7 @@ def test_frame_size_from_the_command_line(
     ('-p', 'source:=broken.png'), ('-p', 'source:=pattern:0x0'), ('-p', 'encoding:=foo'),
     ('-p', 'width:=wide'), ('-p', 'width:=[1]'), ('-p', 'width:={'),
     ('--params-file', 'nul.yaml'), ('-p', 'source:=~nobody_at_all/a.png'),
-    ('-p', 'source:=pipe'), ('-p', 'width:=.inf'), ('-p', f'source:={"[" * 3000}'),
+    ('-p', 'source:=pipe'), ('-p', 'width:=.inf'), ('-p', f'source:={"[" * 600}'),
     ('--params-file', 'nowhere.yaml'), ('--params-file', 'broken.png'),
     ('--params-file', 'list.yaml')])
 def test_full_hd_for_an_unknown_size(tmp_path: Path, words: tuple[str, ...]) -> None:

@@ -367,13 +367,13 @@ def test_split_of_images_is_refused(tmp_path: Path) -> None:
 def test_ring_keeps_the_newest_bags(
         tmp_path: Path, limits: Limits, least: int, most: int, most_bytes: int) -> None:
     bags = open_bags(tmp_path, 'drive_{seq:03d}.mcap', limits=limits)
-    for number in range(200):
+    for number in range(100):
         put(bags, frame(number))
         assert sum(path.stat().st_size for path in recorded_files(tmp_path)) <= most_bytes
     bags.close()
     files = recorded_files(tmp_path)
     kept = [number for path in files for number in numbers(path)]
-    assert kept == [*range(kept[0], 200)] and least <= len(kept) <= most
+    assert kept == [*range(kept[0], 100)] and least <= len(kept) <= most
     assert sum(path.stat().st_size for path in files) <= most_bytes
     assert [frames for _, frames in lines(tmp_path)] == [len(numbers(path)) for path in files]
 

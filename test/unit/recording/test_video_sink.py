@@ -489,22 +489,22 @@ def kept_numbers(folder: Path) -> list[int]:
 @pytest.mark.quick_cases(3)
 @pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
 @pytest.mark.parametrize(('limits', 'least'), [
-    (Limits(max_bytes=300_000, ring=True), 50),
-    (Limits(max_bytes=300_000, split_bytes=20_000, ring=True), 50),
+    (Limits(max_bytes=150_000, ring=True), 25),
+    (Limits(max_bytes=150_000, split_bytes=20_000, ring=True), 25),
     (Limits(max_frames=60, ring=True), 54),
     (Limits(max_seconds=2.5, ring=True), 45)])
 def test_ring_keeps_the_newest_videos(
         tmp_path: Path, suffix: str, limits: Limits, least: int) -> None:
     videos = open_videos(tmp_path, f'{{seq:03d}}{suffix}', limits=limits)
-    for number in range(300):
+    for number in range(150):
         frame = noise(number, (48, 48))
         put(videos, replace(frame, arrival_ns=frame.metadata.stamp_ns))
         assert not limits.max_bytes or limits.max_bytes >= sum(
             path.stat().st_size for path in recorded_files(tmp_path))
     videos.close()
     kept = kept_numbers(tmp_path)
-    assert kept == [*range(kept[0], 300)]
-    assert least <= len(kept) < 250
+    assert kept == [*range(kept[0], 150)]
+    assert least <= len(kept) < 125
     assert (videos.counts.lost, videos.counts.skipped) == (0, 0)
 
 
@@ -534,12 +534,12 @@ def test_frames_that_are_large_for_a_ring(tmp_path: Path, suffix: str, frames: i
     folder = tmp_path / 'ring'
     videos = open_videos(
         folder, f'{{seq:03d}}{suffix}', limits=Limits(max_bytes=frames * size, ring=True))
-    for number in range(60):
+    for number in range(30):
         put(videos, noise(number, (128, 128)))
         assert sum(path.stat().st_size for path in recorded_files(folder)) <= frames * size
     videos.close()
     kept = kept_numbers(folder)
-    assert kept == [*range(kept[0], 60)]
+    assert kept == [*range(kept[0], 30)]
     assert frames // 2 <= len(kept) <= frames
     assert (videos.counts.lost, videos.counts.skipped) == (0, 0)
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+import json
 import os
 from pathlib import Path
 import resource
@@ -28,6 +29,7 @@ import sys
 from conftest import PRINT_PEAK_MEMORY
 from opencv_tools.robot.cli import robot_compare, robot_frames, sdf_to_urdf, urdf_to_sdf
 import pytest
+from rows import failures
 from waiting import communicate, LONGEST_SECONDS, pause, status_of, wait_until
 
 ROOT = Path(__file__).parents[3]
@@ -75,7 +77,7 @@ class Bad:
     others: tuple[tuple[str, str], ...] = ()
 
 
-# Files that could use up memory or time; each is read in a process of its own.
+# Files that could use up memory or time; they are read in another process.
 HOSTILE = {
     'entity bomb in URDF': Bad(URDF_BOMB, ('robot.urdf:2: ', '<!ENTITY>')),
     'entity bomb in UTF-16': Bad(
@@ -212,13 +214,42 @@ def _one_line(message: str, command: str) -> str:
     return message
 
 
+# Runs commands, and writes the exit status and the processor time of each after its messages.
+_COMMANDS = """
+import json, os, sys
+from opencv_tools.robot import cli
+for command, path, output in json.loads(sys.argv[1]):
+    before = sum(os.times()[:4])
+    status = getattr(cli, command)([path, '-o', output])
+    sys.stderr.write(f'\\0{status}\\0{sum(os.times()[:4]) - before}\\0')
+"""
+
+
 @pytest.mark.process
-@pytest.mark.parametrize('bad', HOSTILE.values(), ids=HOSTILE.keys())
-def test_hostile_files(bad: Bad, tmp_path: Path) -> None:
-    path = _written(bad, tmp_path)
-    message = _refused(_name(path), path, tmp_path / 'output')
-    for words in bad.words:
-        assert words in message
+def test_hostile_files(tmp_path: Path) -> None:
+    runs = []
+    for number, bad in enumerate(HOSTILE.values()):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        path = _written(bad, folder)
+        runs.append((_name(path), str(path), str(folder / 'output')))
+    done = subprocess.run([sys.executable, '-c', _COMMANDS, json.dumps(runs)], cwd=ROOT,
+                          capture_output=True, text=True, timeout=LONGEST_SECONDS)
+    told = done.stderr.split('\0')
+    assert len(told) == 3 * len(runs) + 1, told[-1]  # a command has ended the process
+    assert done.stdout == ''
+    assert failures(_check_refusal, zip(
+        HOSTILE, runs, told[::3], told[1::3], told[2::3], strict=False)) == []
+
+
+def _check_refusal(name: str, run: tuple[str, str, str], message: str, status: str,
+                   seconds: str) -> None:
+    command, _, output = run
+    assert status == '2', message
+    assert float(seconds) < MAX_SECONDS
+    assert not Path(output).exists()
+    for words in HOSTILE[name].words:
+        assert words in _one_line(message, command)
 
 
 def _with_secret(bad: Bad, folder: Path) -> Path:

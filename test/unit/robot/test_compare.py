@@ -32,6 +32,7 @@ from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
+from rows import each_row
 
 
 def sdf() -> Robot:
@@ -71,7 +72,7 @@ def test_equal_robots_with_different_placements() -> None:
     assert differences(sdf(), urdf(), tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize(('name', 'changes', 'names'), [
+@each_row(('name', 'changes', 'names'), [
     ('turn', {'limit': Limit(-1.0, 2.1, 3.0, 4.0)}, ['upper']),
     ('turn', {'limit': Limit(-1.1, 2.0, 3.0, 4.0)}, ['lower']),
     ('turn', {'limit': Limit(-1.0, 2.0, 3.1, math.inf)}, ['effort', 'velocity']),
@@ -171,7 +172,7 @@ def test_centre_and_presence_of_inertials() -> None:
     assert one == absent('inertial', 'arm')
 
 
-@pytest.mark.parametrize(('changes', 'what'), [
+@each_row(('changes', 'what'), [
     ({'geometry': Box((1.0, 2.0, 3.001))}, ['size']),
     ({'geometry': Sphere(1.0)}, ['geometry', 'size', 'radius']),
     ({'geometry': Cylinder(1.0, 2.0)}, ['geometry', 'size', 'radius', 'length']),
@@ -286,8 +287,8 @@ def test_frames_of_both_robots() -> None:
         ('frame', 'tip', 'pose at zero')]
 
 
-@pytest.mark.parametrize('type_', ['ball', 'floating', 'planar', 'universal', 'revolute2', 'screw',
-                                   'gearbox', 'fixed', 'continuous', 'prismatic'])
+@each_row('type_', ['ball', 'floating', 'planar', 'universal', 'revolute2', 'screw',
+                    'gearbox', 'fixed', 'continuous', 'prismatic'])
 def test_motion_of_every_joint_type(type_: str) -> None:
     axes = (Axis((0.0, 0.0, 1.0)), Axis((0.0, 1.0, 0.0)))
     assert diff(free(type_, axes), free(type_, axes)) == []
@@ -326,7 +327,7 @@ def test_linear_time_for_long_chains() -> None:
     assert robots.is_linear(check)
 
 
-@pytest.mark.parametrize('limit', [
+@each_row('limit', [
     Limit(-1e300, 1e300), Limit(2e3, 3e3), Limit(5.0, -5.0), Limit(upper=-50.0),
     Limit(lower=50.0)])
 def test_extreme_limits(limit: Limit) -> None:
@@ -356,7 +357,7 @@ def test_aligned_columns_of_the_table() -> None:
     assert count == '2 differences'
 
 
-@pytest.mark.parametrize(('count', 'most', 'rows', 'last'), [
+@each_row(('count', 'most', 'rows', 'last'), [
     (1, 50, 1, ['1 difference']), (50, 50, 50, ['50 differences']),
     (51, 50, 50, ['... and 1 more; --all shows them', '51 differences']),
     (173, 50, 50, ['... and 123 more; --all shows them', '173 differences']),

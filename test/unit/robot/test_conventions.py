@@ -17,7 +17,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import combinations, pairwise
+from functools import cache
+from itertools import combinations
 import math
 from pathlib import Path
 from typing import Any
@@ -112,10 +113,10 @@ PICTURES = pytest.mark.parametrize(('name', 'positions'), [
     ids=['my_robot', 'my_arm', 'thirty', 'short', *(f'{name} moved' for name in MOVED)])
 
 
-def both(robot: Robot, positions: dict[str, float]) -> list[Any]:
-    """Return the figures of both pictures."""
-    listing = frames(robot, positions)
-    return [plot.draw(robot, listing), conventions.draw(robot, listing)]
+@cache
+def plotted(name: str, moved: bool = False) -> Any:
+    """Return the picture of a robot, which tests share."""
+    return plot.draw(ROBOTS[name], frames(ROBOTS[name], MOVED[name] if moved else {}))
 
 
 def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
@@ -137,8 +138,9 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
 def test_texts_inside_the_picture_without_overlaps(
         name: str, positions: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> None:
     robot = ROBOTS[name]
+    pictures = [plotted(name, positions != {}), panels(robot, positions)[0].figure]
     names = [link.name for link in robot.links] + [joint.name for joint in robot.joints]
-    for figure in both(robot, positions):
+    for figure in pictures:
         texts = drawn_texts(figure, monkeypatch)
         for text, box in texts:
             assert box.x0 > 8 and box.x1 < figure.bbox.width - 8, text
@@ -154,7 +156,7 @@ def test_texts_inside_the_picture_without_overlaps(
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
 def test_space_view_filling_its_cell(name: str) -> None:
-    figure = plot.draw(ROBOTS[name], frames(ROBOTS[name], {}))
+    figure = plotted(name)
     view, renderer = figure.axes[0], figure.canvas.get_renderer()
     assert not any(one.get_clip_on() for one in view.collections)
     assert [axis.label.get_rotation() for axis in (view.xaxis, view.yaxis, view.zaxis)] == [0] * 3
@@ -176,8 +178,13 @@ def test_space_view_filling_its_cell(name: str) -> None:
 
 
 def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
-    positions = positions or {}
-    return list(conventions.draw(robot, frames(robot, positions)).axes)
+    """Return the halves of the picture of both conventions, which tests share."""
+    return _panels(robot, tuple((positions or {}).items()))
+
+
+@cache
+def _panels(robot: Robot, positions: tuple[tuple[str, float], ...]) -> list[Any]:
+    return list(conventions.draw(robot, frames(robot, dict(positions))).axes)
 
 
 def entries(axes: Any) -> dict[str, str]:
@@ -295,22 +302,6 @@ def test_lines_from_texts_to_points() -> None:
         assert len(points) == 29 and set(points) <= set(ends)
 
 
-def test_maximum_number_of_entries() -> None:
-    names = [f'link_{index}' for index in range(70)]
-    robot = Robot(name='many',
-                  links=(Link(name=names[0], placement=Placement(Pose(), MODEL)),
-                         *(Link(name=name, placement=Placement(Pose(), FrameId('joint', name)))
-                           for name in names[1:])),
-                  joints=tuple(Joint(name=child, type='fixed', parent=parent, child=child,
-                                     placement=Placement(Pose((0.1, 0.0, 0.0)),
-                                                         FrameId('link', parent)))
-                               for parent, child in pairwise(names)))
-    urdf, sdf = panels(robot)
-    assert len(entries(urdf)) == 60 and len(entries(sdf)) == 61
-    assert urdf.texts[1].get_text().endswith('numbers of 60 of 69, the listing has all')
-    assert sdf.texts[1].get_text().endswith('numbers of 60 of 70, the listing has all')
-
-
 def test_entries_of_a_large_robot() -> None:
     # A hand with 80 patches of skin, whose only joint that moves comes last in the file.
     patches = [Joint(name=f'patch_{index}', type='fixed', parent=parent, child=f'patch_{index}',
@@ -323,8 +314,11 @@ def test_entries_of_a_large_robot() -> None:
         Link(name='palm', placement=Placement(Pose(), MODEL)),
         *(Link(name=joint.child, placement=Placement(Pose(), FrameId('joint', joint.name)))
           for joint in joints)))
-    for panel in panels(robot):
+    assert [panel.texts[1].get_text().partition('numbers of ')[2] for panel in panels(robot)] == [
+        '60 of 81, the listing has all', '60 of 82, the listing has all']
+    for panel, count in zip(panels(robot), (60, 61), strict=True):
         titles = entries(panel)
+        assert len(titles) == count
         assert any('thumb' in title for title in titles)
         assert any('patch_79' in title for title in titles)  # the end of the chain
         assert any('patch_0' in title for title in titles)

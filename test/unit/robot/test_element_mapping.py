@@ -25,6 +25,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from dataclasses import dataclass
+from functools import cache
 import itertools
 from pathlib import Path
 import re
@@ -42,6 +43,7 @@ from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.passthrough import PREFIXES
 from opencv_tools.robot.xml.report import LOSSY, PRESERVED, Report
 import pytest
+from rows import failures
 
 Element = etree._Element
 
@@ -225,6 +227,7 @@ LISTED = {language: [line for line in (ROBOTS / f'{language}_elements.txt').read
                      if line and not line.startswith('#')] for language in SMALL_ROBOTS}
 
 
+@cache
 def _row(language: str, path: str) -> Row | None:
     """Return the row of a path: its own, or the longest that includes it by ``/**``."""
     best: tuple[int, bool, Row] | None = None
@@ -267,38 +270,75 @@ def test_rows_of_elements_in_gazebo() -> None:
             assert row and row.outcomes == {PRESERVED} and '<gazebo' in row.text
 
 
-@pytest.mark.parametrize(('language', 'path'), PATHS)
-def test_conversion_of_every_element(language: str, path: str) -> None:
+@dataclass(frozen=True)
+class Outcome:
+    """A robot in the other format: all of it, what is not preserved, and what is."""
+
+    there: Element
+    report: Report
+    plain: str
+    preserved: Counter[str]
+
+
+def _outcome(language: str, root: Element) -> Outcome:
+    there, report = _converted(language, root)
+    return Outcome(there, report, _plain(language, there), _preserved(language, there))
+
+
+@cache
+def _outcome_of(language: str, text: bytes) -> Outcome:
+    """Return the outcome of a robot without the tested element, which many elements share."""
+    return _outcome(language, etree.fromstring(text))
+
+
+# Without its own row, an element belongs to that of an outer element.
+OWN_ROWS = [(language, path) for language, path in PATHS if any(
+    path == one.removesuffix('/**') for row in ROWS[language] for one in row.paths)]
+OTHERS = [pair for pair in PATHS if pair not in OWN_ROWS]
+BY_ROW = pytest.mark.parametrize('pairs', [
+    [*OWN_ROWS, *OTHERS[::8]], OTHERS], ids=['elements of the tables', 'other elements'])
+
+
+@pytest.mark.quick_cases(1)
+@BY_ROW
+def test_conversion_of_every_element(pairs: list[tuple[str, str]]) -> None:
+    assert failures(_check_conversion, pairs) == []
+
+
+def _check_conversion(language: str, path: str) -> None:
     row = _row(language, path)
     assert row is not None
     with_it, without = (_built(language, one, path) for one in (path, _above(language, path, row)))
-    same = etree.tostring(with_it, method='c14n') == etree.tostring(without, method='c14n')
-    there, report = _converted(language, with_it)
-    _check_round_trip(language, path, row, with_it, there)
-    if same:  # the element is required
+    bare = etree.tostring(without, method='c14n')
+    found = _outcome(language, with_it)
+    _check_round_trip(language, path, row, with_it, found.there)
+    if etree.tostring(with_it, method='c14n') == bare:  # the element is required
         return
-    bare, bare_report = _converted(language, without)
-    plain = _plain(language, there) != _plain(language, bare)
+    found_bare = _outcome_of(language, bare)
+    plain = found.plain != found_bare.plain
     if CONVERTED in row.outcomes:
         assert plain, 'makes no difference to the other format'
     elif row.outcomes == {PRESERVED}:
         assert not plain, 'makes a difference to the other format'
-    kept, kept_without = _preserved(language, there), _preserved(language, bare)
+    kept, kept_without = found.preserved, found_bare.preserved
     if PRESERVED in row.outcomes:
         assert kept != kept_without, 'is not preserved'
-        assert path.endswith('@name') or _notes(report, PRESERVED)
+        assert path.endswith('@name') or _notes(found.report, PRESERVED)
     else:
         name = path.rpartition('/')[2].lstrip('@')
         assert kept[name] == kept_without[name], 'is preserved'
-    reported = _notes(report, LOSSY) - _notes(bare_report, LOSSY)
+    reported = _notes(found.report, LOSSY) - _notes(found_bare.report, LOSSY)
     assert bool(reported) == (LOSSY in row.outcomes), reported
 
 
-ELEMENTS = [(language, path) for language, path in PATHS if '/' in path and '@' not in path]
+@pytest.mark.quick_cases(1)
+@BY_ROW
+def test_single_element_of_which_nothing_is_read(pairs: list[tuple[str, str]]) -> None:
+    assert failures(_check_unread_element, (
+        (language, path) for language, path in pairs if '/' in path and '@' not in path)) == []
 
 
-@pytest.mark.parametrize(('language', 'path'), ELEMENTS)
-def test_single_element_of_which_nothing_is_read(language: str, path: str) -> None:
+def _check_unread_element(language: str, path: str) -> None:
     root = _built(language, path, path)
     top = root if language == 'urdf' else root[0]
     element = top.findall('/'.join(path.split('/')[1:]))[-1]
@@ -409,7 +449,7 @@ def _check_round_trip(language: str, path: str, row: Row, root: Element, there: 
     other = 'sdf' if language == 'urdf' else 'urdf'
     back, _ = _converted(other, there)
     original, restored = (_read(language, one, Report()) for one in (root, back))
-    assert differences(original, restored, samples=3, tolerance=1e-12) == []
+    assert differences(original, restored, samples=1, tolerance=1e-12) == []
     if not any('::' in link.name for link in original.links):
         for kind in ('links', 'joints', 'frames'):
             names = ([thing.name for thing in getattr(robot, kind)]

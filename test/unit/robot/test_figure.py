@@ -21,7 +21,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from drawn_robots import plotted, tutorial
+from drawn_robots import chain, plotted, tutorial
 from opencv_tools.robot.drawing import primitives
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
@@ -59,7 +59,7 @@ def test_unsupported_suffix_error(tmp_path: Path, name: str) -> None:
 
 def test_unwritable_file_error(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match='cannot be written: No such file'):
-        plotted(tutorial(), tmp_path / 'nowhere' / 'robot.svg')
+        plotted(chain(1), tmp_path / 'nowhere' / 'robot.svg')
 
 
 def test_error_without_matplotlib(

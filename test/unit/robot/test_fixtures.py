@@ -17,8 +17,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 import functools
+from functools import partial
 import math
 from pathlib import Path
 import random
@@ -36,6 +37,7 @@ from opencv_tools.robot.pose import normalised, Pose
 from opencv_tools.robot.xml.document import PARTLY_READ
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import failures
 
 Command = Callable[[Sequence[str] | None], int]
 Text = pytest.CaptureFixture[str]
@@ -51,6 +53,9 @@ TUTORIAL = [name for name in FIXTURES if name.startswith('tutorial_')]
 CONVERTED = [*WARNINGS, *FINE, *TUTORIAL]
 # The others have colours that both formats refuse.
 RESTORED = [name for name in CONVERTED if not name.startswith('warning_color_above_1')]
+
+# Each conversion of xacro starts a process, and has plain URDF before it.
+PLAIN_URDF = [name for name in RESTORED if name.endswith('.urdf')]
 
 # Expected messages of an empty file, which has no comments.
 EXPECTED = {'error_empty.urdf': ['not well-formed XML']}
@@ -89,6 +94,11 @@ NOT_IN_YOURDFPY = {
 }
 
 
+def rows_of(names: Iterable[str]) -> Iterator[tuple[str]]:
+    """Return a row for each name."""
+    return ((name,) for name in names)
+
+
 def _expected(name: str) -> list[str]:
     found = re.search(r'<!-- expect: (.*?) -->', _text(name))
     return found[1].split('; ') if found else EXPECTED[name]
@@ -115,11 +125,11 @@ def _back(name: str) -> Command:
     return urdf_to_sdf if _is_sdf(name) else sdf_to_urdf
 
 
+@functools.cache
 def _read(path: Path) -> Robot:
     return read_robot(str(path), Report())[0]
 
 
-@functools.cache
 def _original(name: str) -> Robot:
     return _read(FIXTURES[name])
 
@@ -134,7 +144,7 @@ def ways(tmp_path_factory: pytest.TempPathFactory) -> Ways:
 
 
 def _convert(name: str, folder: Path, options: Sequence[str] = ()) -> tuple[Path, Path]:
-    there, back = folder / 'there', folder / 'back'
+    there, back = folder / f'{name}.there', folder / f'{name}.back'
     given: dict[Command, list[str]] = {urdf_to_sdf: [*options], sdf_to_urdf: []}
     assert _there(name)([str(FIXTURES[name]), '-o', str(there), *given[_there(name)]]) == 0
     assert _back(name)([str(there), '-o', str(back), *given[_back(name)]]) == 0
@@ -149,9 +159,13 @@ def test_number_of_fixtures() -> None:
     assert len(ERRORS + CONVERTED) == len(FIXTURES)
 
 
-@pytest.mark.parametrize('name', ERRORS)
-def test_errors(name: str, tmp_path: Path, capfd: Text) -> None:
+def test_errors(tmp_path: Path, capfd: Text) -> None:
+    assert failures(partial(_check_error, tmp_path, capfd), rows_of(ERRORS)) == []
+
+
+def _check_error(tmp_path: Path, capfd: Text, name: str) -> None:
     command, path = _there(name), FIXTURES[name]
+    capfd.readouterr()  # of a row that failed
     assert command([str(path), '-o', str(tmp_path / 'output')]) == 2
     output, message = capfd.readouterr()
     assert output == ''
@@ -165,9 +179,13 @@ def test_errors(name: str, tmp_path: Path, capfd: Text) -> None:
         assert f'{path}:{line}: <' in message
 
 
-@pytest.mark.parametrize('name', WARNINGS)
-def test_warnings(name: str, tmp_path: Path, capfd: Text) -> None:
+def test_warnings(tmp_path: Path, capfd: Text) -> None:
+    assert failures(partial(_check_warnings, tmp_path, capfd), rows_of(WARNINGS)) == []
+
+
+def _check_warnings(tmp_path: Path, capfd: Text, name: str) -> None:
     command, path = _there(name), FIXTURES[name]
+    capfd.readouterr()  # of a row that failed
     assert command([str(path)]) == 0
     output, message = capfd.readouterr()
     etree.fromstring(output.encode())
@@ -180,29 +198,39 @@ def test_warnings(name: str, tmp_path: Path, capfd: Text) -> None:
     if line:
         assert f'{path}:{line}: <' in message
     # A file with warnings is converted, too.
-    assert command([str(path), '--strict', '-o', str(tmp_path / 'output')]) == 1
-    assert (tmp_path / 'output').read_text() == output
+    written = tmp_path / name
+    assert command([str(path), '--strict', '-o', str(written)]) == 1
+    assert written.read_text() == output
 
 
-@pytest.mark.parametrize('name', FINE)
-def test_fixtures_without_warnings(name: str, capfd: Text) -> None:
+def test_fixtures_without_warnings(capfd: Text) -> None:
+    assert failures(partial(_check_no_warning, capfd), rows_of(FINE)) == []
+
+
+def _check_no_warning(capfd: Text, name: str) -> None:
+    capfd.readouterr()  # of a row that failed
     assert _there(name)([str(FIXTURES[name]), '--strict']) == 0
     output, message = capfd.readouterr()
     assert message == ''
     etree.fromstring(output.encode())
 
 
-@pytest.mark.parametrize('name', RESTORED)
-def test_conversion_back_has_the_same_robot(name: str, ways: Ways) -> None:
-    there, back = ways(name)
+def test_conversion_back_has_the_same_robot(ways: Ways) -> None:
+    assert failures(partial(_check_same_robot, ways), rows_of(RESTORED)) == []
+
+
+def _check_same_robot(ways: Ways, name: str) -> None:
     original = _original(name)
-    assert differences(original, _read(there), samples=5, tolerance=1e-12) == []
-    assert differences(original, _read(back), samples=5, tolerance=1e-12) == []
+    for path in ways(name):
+        assert differences(original, _read(path), samples=2, tolerance=1e-12) == []
 
 
-@pytest.mark.parametrize('name', [
-    name for name in RESTORED if name not in CORRECTED and name not in COMPUTED_POSES])
-def test_conversion_back_restores_extensions(name: str, ways: Ways) -> None:
+def test_conversion_back_restores_extensions(ways: Ways) -> None:
+    assert failures(partial(_check_extensions, ways), rows_of(
+        name for name in RESTORED if name not in CORRECTED and name not in COMPUTED_POSES)) == []
+
+
+def _check_extensions(ways: Ways, name: str) -> None:
     _, back = ways(name)
     assert Counter(_extension_entries(_read(back))) == Counter(_extension_entries(_original(name)))
 
@@ -235,8 +263,11 @@ def test_computed_poses_after_a_round_trip(name: str, ways: Ways) -> None:
                              for tag, numbers in sorted(COMPUTED_POSES[name].items())]
 
 
-@pytest.mark.parametrize('name', [name for name in RESTORED if not _is_sdf(name)])
-def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
+def test_relative_poses_keep_all_numbers(tmp_path: Path) -> None:
+    assert failures(partial(_check_numbers, tmp_path), rows_of(PLAIN_URDF)) == []
+
+
+def _check_numbers(tmp_path: Path, name: str) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
     original, restored = _original(name), _read(back)
     assert differences(original, restored, samples=0, tolerance=0) == []
@@ -246,24 +277,27 @@ def test_relative_poses_keep_all_numbers(name: str, tmp_path: Path) -> None:
         link.name: _numbers(link) for link in original.links}
 
 
-@pytest.mark.parametrize('name', [name for name in RESTORED if _is_sdf(name)])
-def test_relative_poses_of_sdf(name: str, tmp_path: Path) -> None:
+def test_relative_poses_of_sdf(tmp_path: Path) -> None:
+    assert failures(partial(_check_relative_poses, tmp_path), rows_of(
+        name for name in RESTORED if _is_sdf(name))) == []
+
+
+def _check_relative_poses(tmp_path: Path, name: str) -> None:
     _, back = _convert(name, tmp_path, ['--poses', 'relative'])
-    assert differences(_original(name), _read(back), samples=5, tolerance=1e-12) == []
+    assert differences(_original(name), _read(back), samples=2, tolerance=1e-12) == []
 
 
-@pytest.mark.quick_cases(2)
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('version', ['1.7', '1.8', '1.10', '1.12'])
 def test_versions_of_sdf(version: str, tmp_path: Path) -> None:
     wrong = []
-    for name in RESTORED:
-        if not _is_sdf(name):
-            _, back = _convert(name, tmp_path, ['--sdf-version', version])
-            original, restored = _original(name), _read(back)
-            if (differences(original, restored, samples=1, tolerance=1e-12)
-                    or Counter(_extension_entries(restored))
-                    != Counter(_extension_entries(original))):
-                wrong.append(name)
+    for name in PLAIN_URDF:
+        _, back = _convert(name, tmp_path, ['--sdf-version', version])
+        original, restored = _original(name), _read(back)
+        if (differences(original, restored, samples=1, tolerance=1e-12)
+                or Counter(_extension_entries(restored))
+                != Counter(_extension_entries(original))):
+            wrong.append(name)
     assert wrong == []
 
 
@@ -273,17 +307,28 @@ AXES = [(name, *fact.groups()) for name in CONVERTED for fact in re.finditer(
     r'<!-- axis (\S+): ([-\d. e]+) -->', _text(name))]
 
 
-@pytest.mark.parametrize(('name', 'kind', 'thing', 'numbers'), PLACES)
-def test_frames_in_comments(name: str, kind: str, thing: str, numbers: str) -> None:
+@functools.cache
+def _kinematics(name: str) -> Kinematics:
+    return Kinematics(_original(name))
+
+
+def test_frames_in_comments() -> None:
+    assert failures(_check_frame, PLACES) == []
+
+
+def _check_frame(name: str, kind: str, thing: str, numbers: str) -> None:
     x, y, z, roll, pitch, yaw = map(float, numbers.split())
-    found = Kinematics(_original(name)).pose(FrameId(kind, thing))
+    found = _kinematics(name).pose(FrameId(kind, thing))
     expected = Pose((x, y, z), (roll, pitch, yaw)).transform()
     assert found.translation == pytest.approx(expected.translation, abs=1e-12)
     assert found.rotation == pytest.approx(expected.rotation, abs=1e-12)
 
 
-@pytest.mark.parametrize(('name', 'thing', 'numbers'), AXES)
-def test_axes_in_comments(name: str, thing: str, numbers: str) -> None:
+def test_axes_in_comments() -> None:
+    assert failures(_check_axis, AXES) == []
+
+
+def _check_axis(name: str, thing: str, numbers: str) -> None:
     joint, = (joint for joint in _original(name).joints if joint.name == thing)
     found = normalised(joint.axes[0].xyz)
     assert found == pytest.approx(tuple(map(float, numbers.split())), abs=1e-12)
@@ -312,14 +357,18 @@ def yourdfpy() -> ModuleType:
     return pytest.importorskip('yourdfpy', reason='not packaged for ROS: pip install yourdfpy')
 
 
-@pytest.mark.parametrize('name', [name for name in CONVERTED if name not in NOT_IN_YOURDFPY])
-def test_forward_kinematics_of_yourdfpy(name: str, ways: Ways, yourdfpy: ModuleType) -> None:
+def test_forward_kinematics_of_yourdfpy(ways: Ways, yourdfpy: ModuleType) -> None:
+    assert failures(partial(_check_with_yourdfpy, ways, yourdfpy), rows_of(
+        name for name in CONVERTED if name not in NOT_IN_YOURDFPY)) == []
+
+
+def _check_with_yourdfpy(ways: Ways, yourdfpy: ModuleType, name: str) -> None:
     there, back = ways(name)
     path = there if _is_sdf(name) else back
     robot = _read(path)
     seen = yourdfpy.URDF.load(str(path), load_meshes=False, build_collision_scene_graph=False)
     generator = random.Random(7)
-    for sample in range(3):
+    for sample in range(2):
         positions = {joint: generator.uniform(-1, 1) if sample else 0.0
                      for joint in seen.actuated_joint_names}
         _compare_with_yourdfpy(robot, seen, positions)

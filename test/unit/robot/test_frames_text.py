@@ -28,6 +28,7 @@ from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placemen
 from opencv_tools.robot.pose import Pose
 import pytest
 import robots
+from rows import each_row
 
 
 def cells(listing: dict[str, Any]) -> list[list[str]]:
@@ -84,7 +85,7 @@ def test_text_of_a_loop_joint() -> None:
     assert ['- <pose> in SDF', 'pusher', '0 1.1 0', '-1.5708 0 0'] in rows
 
 
-@pytest.mark.parametrize(('count', 'wanted'), [
+@each_row(('count', 'wanted'), [
     (0, 'robot chain'), (1, 'robot chain at jl1=0.5'),
     (4, 'robot chain at jl1=0.5, jl2=0.5, jl3=0.5, jl4=0.5'),
     (5, 'robot chain at jl1=0.5, jl2=0.5, jl3=0.5, jl4=0.5, ...')])

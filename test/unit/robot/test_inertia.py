@@ -24,6 +24,7 @@ from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, Element, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from sdf_models import read
 
 BOX = '<geometry><box><size>1 1 1</size></box></geometry>'
@@ -46,7 +47,7 @@ def inertial_of(robot: Robot) -> Inertial:
     return inertial
 
 
-@pytest.mark.parametrize(('geometry', 'mass', 'moments', 'height'), [
+@each_row(('geometry', 'mass', 'moments', 'height'), [
     ('<box><size>1 2 3</size></box>', 6000, (6500, 5000, 2500), 0),
     ('<sphere><radius>0.7</radius></sphere>', 1436.755040, (281.603988,) * 3, 0),
     ('<cylinder><radius>1</radius><length>2</length></cylinder>', 6283.185307,
@@ -65,7 +66,7 @@ def test_solids(geometry: str, mass: float, moments: tuple[float, ...], height: 
     assert inertial.placement.pose.xyz == (0, 0, height)
 
 
-@pytest.mark.parametrize(('inertial', 'collision', 'mass'), [
+@each_row(('inertial', 'collision', 'mass'), [
     ('<inertial auto="true"/>', '', 1000),
     ('<inertial auto="1"><density>500</density></inertial>', '', 500),
     ('<inertial auto="true"><density>500</density></inertial>', '<density>2700</density>', 2700),

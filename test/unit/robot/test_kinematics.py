@@ -29,6 +29,7 @@ from opencv_tools.robot.pose import IDENTITY, Pose, Transform, Vector
 from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
+from rows import each_row
 
 ODD = Pose((0.1, 1 / 3, -0.7), (0.1, 0.2, 0.3))
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -130,7 +131,7 @@ def test_linear_time_for_a_chain_of_5000_links() -> None:
     assert robots.is_linear(check)
 
 
-@pytest.mark.parametrize(('type_', 'position', 'expected'), [
+@each_row(('type_', 'position', 'expected'), [
     ('fixed', (), Pose()),
     ('revolute', (0.5,), Pose(rpy=(0.0, 0.0, 0.5))),
     ('continuous', (4.0,), Pose(rpy=(0.0, 0.0, 4.0 - 2 * math.pi))),
@@ -142,7 +143,7 @@ def test_linear_time_for_a_chain_of_5000_links() -> None:
     ('revolute2', (0.25, -0.25), Pose()),
     ('gearbox', (0.25, 0.5), Pose(rpy=(0.0, 0.0, 0.75))),
 ])
-@pytest.mark.parametrize('length', [1.0, 7.0])
+@each_row('length', [1.0, 7.0])
 def test_joint_transforms_with_axes_of_any_length(
         type_: str, position: tuple[float, ...], expected: Pose, length: float) -> None:
     moved = joint('j', 'a', 'b', type_=type_, xyz=(0.0, 0.0, length))
@@ -173,7 +174,7 @@ def test_plane_independent_of_the_length_of_its_normal() -> None:
                 joint_transform(written, (1.0, 0.0, 0.0)).translation)
 
 
-@pytest.mark.parametrize('type_', JOINT_KINDS)
+@each_row('type_', JOINT_KINDS)
 def test_zero_position_by_default(type_: str) -> None:
     one = joint('j', 'base', 'a', type_=type_)
     assert joint_transform(one, ()) == IDENTITY

@@ -24,6 +24,7 @@ from drawn_robots import near
 import numpy as np
 from opencv_tools.robot.drawing.labels import Labels
 import pytest
+from rows import each_row
 
 
 def test_labels_without_overlaps() -> None:
@@ -47,19 +48,19 @@ def empty_axes() -> Any:
     figure = Figure(figsize=(8, 6), dpi=144)
     canvas: Any = FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    canvas.draw()
+    canvas.figure.draw_without_rendering()
     return axes
 
 
 def boxes_of(axes: Any) -> list[Any]:
     """Return the bounding boxes of texts, without the lines to their points."""
     from matplotlib.text import Text
-    axes.figure.canvas.draw()
+    axes.figure.draw_without_rendering()
     return [Text.get_window_extent(text, axes.figure.canvas.get_renderer())
             for text in axes.texts if text.get_text()]
 
 
-@pytest.mark.parametrize(('point', 'side', 'angle'), [
+@each_row(('point', 'side', 'angle'), [
     ((0.5, 0.5), 'left', 25), ((0.999, 0.5), 'right', 155), ((0.5, 0.999), 'left', -60),
     ((0.999, 0.999), 'right', 240), ((0.001, 0.001), 'left', 60)])
 def test_label_position_near_its_point(
@@ -125,6 +126,7 @@ def test_label_of_a_point_outside_the_axes() -> None:
     Labels(axes, bounds).place('a_name', (1.02, 0.5))
     box, = boxes_of(axes)
     assert axes.bbox.x1 < box.x0 < box.x1 < bounds.width
+    axes.figure.canvas.draw()
     pixels = np.asarray(axes.figure.canvas.buffer_rgba())[::-1]
     inside = pixels[int(box.y0):int(box.y1), int(box.x0):int(box.x1), :3]
     assert (inside.max(axis=2) < 100).sum() > 20

@@ -30,6 +30,7 @@ from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 
 ROOT_HALF = math.sqrt(0.5)
 
@@ -108,7 +109,7 @@ def test_first_axis_of_a_universal_joint() -> None:
     assert frames(robot, {})['joints']['j']['axis'] == pytest.approx([0, 1, 0])
 
 
-@pytest.mark.parametrize(('position', 'message'), [
+@each_row(('position', 'message'), [
     ({'nothing': 1.0}, "joint 'nothing' does not exist; the movable joints are 'turn'$"),
     ({'base_joint': 1.0}, "joint 'base_joint' is fixed, not of one degree of freedom; .*'turn'"),
     ({'push': 1.0}, "joint 'push' mimics 'turn'; move 'turn' instead"),

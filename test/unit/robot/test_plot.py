@@ -82,28 +82,35 @@ def test_side_view_only_for_small_robots() -> None:
 
 
 def test_positions_in_the_title() -> None:
-    figure = drawn(chain(6), {'to_link_2': 0.5})[0].figure
-    assert figure.texts[0].get_text() == 'robot chain at to_link_2=0.5'
+    figure = drawn(chain(2), {'to_link_1': 0.5})[0].figure
+    assert figure.texts[0].get_text() == 'robot chain at to_link_1=0.5'
     assert figure.texts[0].get_fontsize() == 14
-    long = Robot(name='n' * 200, links=chain(6).links, joints=chain(6).joints)
+    long = Robot(name='n' * 200, links=chain(1).links)
     title = drawn(long)[0].figure.texts[0]
     assert title.get_text() == f'robot {"n" * 141}...' and title.get_fontsize() < 14
 
 
-def test_positions_in_the_file(tmp_path: Path) -> None:
-    path = tmp_path / 'arm.svg'
-    plotted(ARM, path, {'elbow': math.pi / 2, 'slide': 0.1})
-    assert {'robot arm at elbow=1.5708, slide=0.1', '0.5', 'rpy 0 1.571 0', 'tool, moved'} <= set(
-        words(path))
+def test_positions_in_the_picture() -> None:
+    axes = drawn(ARM, {'elbow': math.pi / 2, 'slide': 0.1})
+    lines = {line for part in (axes[0].figure, *axes) for text in part.texts
+             for line in text.get_text().split('\n')}
+    assert {'robot arm at elbow=1.5708, slide=0.1', '0.5', 'rpy 0 1.571 0', 'tool, moved'} <= lines
+
+
+# A name with the characters of a formula, and as it is in SVG.
+FORMULA, FORMULA_WORD = 'a$b$_{c} <&>', 'a$b$_{c} &lt;&amp;&gt;'
 
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize('geometry', [
     Capsule(0.5, 1.0), Mesh('a.stl'), None])
-def test_every_geometry(tmp_path: Path, geometry: Geometry | None) -> None:
+def test_every_geometry_and_a_name_like_a_formula(
+        tmp_path: Path, geometry: Geometry | None) -> None:
     path = tmp_path / 'robot.svg'
-    plotted(tutorial(geometry), path)
-    assert any(word.startswith('collision of base_link') for word in words(path))
+    plotted(tutorial(geometry, FORMULA), path)
+    found = words(path)
+    assert any(word.startswith(f'collision of {FORMULA_WORD}') for word in found)
+    assert found.count(FORMULA_WORD) == 3
 
 
 @pytest.mark.quick_cases(1)
@@ -119,9 +126,3 @@ def test_no_warnings_for_unusual_robots(
     # Those of Matplotlib and numpy; others, such as ResourceWarning, come from earlier tests.
     assert [one for one in recwarn.list
             if issubclass(one.category, (UserWarning, RuntimeWarning))] == []
-
-
-def test_names_with_formula_characters(tmp_path: Path) -> None:
-    path = tmp_path / 'robot.svg'
-    plotted(tutorial(name='a$b$_{c} <&>'), path)
-    assert words(path).count('a$b$_{c} &lt;&amp;&gt;') == 3

@@ -21,6 +21,7 @@ import numpy as np
 from opencv_tools.robot.pose import (IDENTITY, normalised, Pose, rotation_about,
                                      rotation_of_quaternion, rotation_of_rpy, Transform, Vector)
 import pytest
+from rows import each_row
 
 ANGLES = st.one_of(
     st.floats(-7, 7),
@@ -96,8 +97,8 @@ def test_pose_round_trip(pose: Pose) -> None:
     assert again.rotation == pytest.approx(transform.rotation, abs=1e-15)
 
 
-@pytest.mark.parametrize('pitch', [math.pi / 2, -math.pi / 2])
-@pytest.mark.parametrize('off', [0.0, 1e-17, 1e-16, 1e-15, 1e-14, 1e-12, 1e-9, 1e-8, 1e-6])
+@each_row('pitch', [math.pi / 2, -math.pi / 2])
+@each_row('off', [0.0, 1e-17, 1e-16, 1e-15, 1e-14, 1e-12, 1e-9, 1e-8, 1e-6])
 def test_precision_near_gimbal_lock(pitch: float, off: float) -> None:
     for roll, yaw in ((0.0, 0.0), (0.3, -1.1), (3.0, 2.9), (-math.pi, math.pi / 2)):
         transform = Pose(rpy=(roll, pitch + off, yaw)).transform()
@@ -135,7 +136,7 @@ def test_quaternion_round_trip(pose: Pose) -> None:
     assert rotation_of_quaternion(quaternion) == pytest.approx(rotation, abs=2e-15)
 
 
-@pytest.mark.parametrize(('rpy', 'quaternion'), [
+@each_row(('rpy', 'quaternion'), [
     ((0.0, 0.0, 0.0), (1, 0, 0, 0)),
     ((math.pi, 0.0, 0.0), (0, 1, 0, 0)),
     ((0.0, math.pi, 0.0), (0, 0, 1, 0)),
@@ -166,7 +167,7 @@ def test_rotation_about_an_axis(
     assert np.abs(matrix(rotation)[:3, :3] - expected).max() < 1e-14
 
 
-@pytest.mark.parametrize('size', [5e-324, 1e-310, 1e-200, 1e-9, 1.0, 1e9, 1e200, 1.7e308])
+@each_row('size', [5e-324, 1e-310, 1e-200, 1e-9, 1.0, 1e9, 1e200, 1.7e308])
 def test_normalised_vectors_of_any_length(size: float) -> None:
     assert normalised((size, 0.0, 0.0)) == (1.0, 0.0, 0.0)
     assert normalised((0.0, -size, size)) == pytest.approx((0, -math.sqrt(0.5), math.sqrt(0.5)))

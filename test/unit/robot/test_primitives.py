@@ -22,6 +22,7 @@ import math
 from opencv_tools.robot.drawing.primitives import hull, outline
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Sphere
 import pytest
+from rows import each_row
 
 
 @pytest.mark.parametrize(('geometry', 'distance', 'lines'), [
@@ -37,7 +38,7 @@ def test_outlines_on_the_surface_of_shapes(
     assert len({point for line in found for point in line}) > 40
 
 
-@pytest.mark.parametrize(('geometry', 'size'), [
+@each_row(('geometry', 'size'), [
     (Box((1.0, 2.0, 3.0)), (1.0, 2.0, 3.0)), (Sphere(1.0), (2.0, 2.0, 2.0)),
     (Cylinder(0.5, 1.0), (1.0, 1.0, 1.0)), (Capsule(0.5, 1.0), (1.0, 1.0, 2.0))])
 def test_size_of_outlines(geometry: Geometry, size: tuple[float, ...]) -> None:

@@ -37,7 +37,9 @@ TOLERANCE = 1e-12
 PROPERTY = settings(max_examples=30, deadline=None, derandomize=True,
                     suppress_health_check=list(HealthCheck))
 SEEDS = st.integers(0, 2**32)
-SIZES = st.integers(1, 30)
+# Most faults need few links.
+SIZES = pytest.mark.parametrize('most', [6, 30])
+LINKS = st.integers(1, 30)
 
 
 def urdf_of(data: bytes) -> Robot:
@@ -68,25 +70,31 @@ def check_there_and_back(
     return result
 
 
-@given(seed=SEEDS, links=SIZES)
+@pytest.mark.quick_cases(1)
+@SIZES
+@given(seed=SEEDS, links=LINKS)
 @PROPERTY
-def test_urdf_to_sdf_and_back(seed: int, links: int) -> None:
-    check_there_and_back(robots.urdf(Random(seed), links), relative=False)
+def test_urdf_to_sdf_and_back(most: int, seed: int, links: int) -> None:
+    check_there_and_back(robots.urdf(Random(seed), min(links, most)), relative=False)
 
 
-@given(seed=SEEDS, links=SIZES)
+@pytest.mark.quick_cases(1)
+@SIZES
+@given(seed=SEEDS, links=LINKS)
 @PROPERTY
-def test_numbers_of_relative_poses_after_a_round_trip(seed: int, links: int) -> None:
-    written = robots.urdf(Random(seed), links)
+def test_numbers_of_relative_poses_after_a_round_trip(most: int, seed: int, links: int) -> None:
+    written = robots.urdf(Random(seed), min(links, most))
     result = check_there_and_back(written, relative=True)
     assert not robots.numbers(written) - robots.numbers(result)
 
 
+@pytest.mark.quick_cases(2)
 @pytest.mark.parametrize('relative', [False, True], ids=['model', 'relative'])
-@given(seed=SEEDS, links=SIZES)
+@SIZES
+@given(seed=SEEDS, links=LINKS)
 @PROPERTY
-def test_sdf_to_urdf_and_back(relative: bool, seed: int, links: int) -> None:
-    written = robots.sdf(Random(seed), links)
+def test_sdf_to_urdf_and_back(relative: bool, most: int, seed: int, links: int) -> None:
+    written = robots.sdf(Random(seed), min(links, most))
     robot = sdf_of(ElementTree.tostring(written))
     there = to_bytes(convert_to_urdf(robot, Report()))
     again = urdf_of(there)
@@ -98,10 +106,12 @@ def test_sdf_to_urdf_and_back(relative: bool, seed: int, links: int) -> None:
     assert {path for path in missing if not path.endswith('/pose')} == set()
 
 
-@given(seed=SEEDS, links=SIZES)
+@pytest.mark.quick_cases(1)
+@SIZES
+@given(seed=SEEDS, links=LINKS)
 @PROPERTY
-def test_identical_bytes_after_two_conversions_to_sdf(seed: int, links: int) -> None:
-    robot = urdf_of(ElementTree.tostring(robots.urdf(Random(seed), links)))
+def test_identical_bytes_after_two_conversions_to_sdf(most: int, seed: int, links: int) -> None:
+    robot = urdf_of(ElementTree.tostring(robots.urdf(Random(seed), min(links, most))))
     first = to_bytes(convert_to_sdf(robot, Report(), SdfOptions(relative=True)))
     # The command restores original names when it writes, not when it reads.
     there = read_sdf(parse(first, 'made_up.sdf', Report()), Report())

@@ -26,6 +26,7 @@ from opencv_tools.robot.sdf.joint_reader import mark_loops
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from sdf_models import HALF, joint, near, read, TWO, with_axis, written
 
 
@@ -40,7 +41,7 @@ def loops(*pairs: str, canonical: str = '') -> list[bool]:
     return [joint.is_loop for joint in marked.joints]
 
 
-@pytest.mark.parametrize(('version', 'extra', 'attribute', 'expected'), [
+@each_row(('version', 'extra', 'attribute', 'expected'), [
     ('1.4', '', '', (0, -1, 0)),
     ('1.4', '<use_parent_model_frame>0</use_parent_model_frame>', '', (1, 0, 0)),
     ('1.4', '<use_parent_model_frame>0</use_parent_model_frame>', 'expressed_in="a"', (0, -1, 0)),
@@ -93,7 +94,7 @@ def test_two_axes_with_limits_and_dynamics() -> None:
     assert rest.find('axis2') is None
 
 
-@pytest.mark.parametrize(('kind', 'limit', 'expected'), [
+@each_row(('kind', 'limit', 'expected'), [
     ('revolute', '', 'continuous'),
     ('revolute', '<limit/>', 'continuous'),
     ('revolute', '<limit><lower>-1e16</lower><upper>1e16</upper></limit>', 'continuous'),

@@ -21,10 +21,11 @@ from opencv_tools.robot.model import FrameId, MODEL, Placement
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from sdf_models import read, TWO
 
 
-@pytest.mark.parametrize(('version', 'attribute'), [
+@each_row(('version', 'attribute'), [
     ('1.5', 'frame'), ('1.6', 'frame'), ('1.6', 'relative_to'), ('1.7', 'relative_to'),
     ('1.12', 'relative_to')])
 def test_pose_reference_by_version(version: str, attribute: str) -> None:
@@ -49,7 +50,7 @@ def test_old_pose_reference_is_ignored_since_1_7() -> None:
     assert 'frame=' in report.warnings[0].message
 
 
-@pytest.mark.parametrize(('geometry', 'expected'), [
+@each_row(('geometry', 'expected'), [
     ('<box><size>1 2 3</size></box>', Box((1, 2, 3))),
     ('<sphere><radius>1</radius></sphere>', Sphere(1)),
     ('<cylinder><radius>1</radius><length>2</length></cylinder>', Cylinder(1, 2)),
@@ -63,7 +64,7 @@ def test_geometries(geometry: str, expected: object) -> None:
     assert robot.links[0].collisions[0].extension.sdf is None
 
 
-@pytest.mark.parametrize('geometry', ['plane', 'empty', 'heightmap', 'ellipsoid', 'cone'])
+@each_row('geometry', ['plane', 'empty', 'heightmap', 'ellipsoid', 'cone'])
 def test_preserved_geometries(geometry: str) -> None:
     made = read(f'<link name="a"><visual name="v"><geometry><{geometry}/></geometry></visual>'
                 '</link>').links[0].visuals[0]

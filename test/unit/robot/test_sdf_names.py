@@ -19,6 +19,7 @@ from __future__ import annotations
 from opencv_tools.robot.kinematics import attached_links, Kinematics
 from opencv_tools.robot.model import FrameId
 import pytest
+from rows import each_row
 from sdf_models import joint, read, TWO
 
 
@@ -31,7 +32,7 @@ def test_shared_names_in_old_versions(version: str) -> None:
     assert robot.links[1].placement.relative_to == FrameId('link', 'x')
 
 
-@pytest.mark.parametrize(('content', 'attributes', 'expected'), [
+@each_row(('content', 'attributes', 'expected'), [
     (TWO, '', ''), (TWO, 'canonical_link="b"', 'b'), (TWO, 'canonical_link="a"', 'a'),
     ('<model name="n" canonical_link="b">' + TWO + '</model>', '', 'n::b'),
     ('<model name="n">' + TWO + '</model><link name="c"/>', '', ''),

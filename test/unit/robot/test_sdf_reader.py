@@ -23,6 +23,7 @@ from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
+from rows import each_row
 from sdf_models import HALF, joint, near, read, read_text, TWO
 
 NESTED = (
@@ -46,7 +47,7 @@ def test_default_placements_of_links_and_joints() -> None:
     assert robot.joints[0].line == 2
 
 
-@pytest.mark.parametrize(('content', 'message'), [
+@each_row(('content', 'message'), [
     ('<link name="a"><pose>1 2 3</pose></link>', "<pose>: '1 2 3' is not 6 finite numbers"),
     ('<link name="a"><pose>1 2 nan 0 0 0</pose></link>', 'is not 6 finite numbers'),
     ('<link name="a"><pose rotation_format="quat_xyzw">0 0 0 0 0 0</pose></link>', 'is not 7 fin'),
@@ -108,7 +109,7 @@ def test_errors_in_attributes_of_a_model(attribute: str, message: str) -> None:
         read('<link name="a"/><frame name="f"/>', attributes=attribute)
 
 
-@pytest.mark.parametrize(('text', 'message'), [
+@each_row(('text', 'message'), [
     ('<robot name="r"/>', 'is not SDF'),
     ('<sdf><model name="m"/></sdf>', 'has no version; use 1.2 to 1.12'),
     ('<sdf version="1.1"><model name="m"/></sdf>', "version='1.1' is not supported"),
@@ -202,7 +203,7 @@ def test_preserved_unread_elements() -> None:
     assert link.sdf is not None and link.sdf.xpath('sensor/pose/@relative_to') == ['a']
 
 
-@pytest.mark.parametrize(('text', 'line'), [
+@each_row(('text', 'line'), [
     ('<sdf version="1.9">\n<model name="m"><link name="a"><gz:x gz:y="1"/></link></model></sdf>',
      2),
     ('<sdf version="1.9">\n<!-- a -- b --->\n<model name="m"><link name="a"/></model></sdf>', 3),

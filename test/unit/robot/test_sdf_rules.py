@@ -36,6 +36,7 @@ from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_TAG
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
+from rows import each_row
 from sdf_models import with_shape
 
 
@@ -54,11 +55,11 @@ def check_names(element: Element) -> None:
         check_names(child)
 
 
-@pytest.mark.parametrize('fixture', [
+@each_row('fixture', [
     'warning_robot_name_with_double_colon.urdf', 'warning_robot_name_reserved.urdf',
     'warning_sensor_name_with_double_colon.urdf', 'warning_duplicate_sensor_name.urdf',
     'warning_contact_of_a_renamed_collision.urdf'])
-@pytest.mark.parametrize('version', ['1.7', '1.12'])
+@each_row('version', ['1.7', '1.12'])
 def test_valid_names_and_restored_names(fixture: str, version: str) -> None:
     path = DATA / 'urdf' / fixture
     robot, _ = read_robot(str(path), Report())
@@ -90,7 +91,7 @@ def test_clamped_colours() -> None:
     assert material is not None and material.color == material.ambient == (1.0, 0.5, 0.0, 1.0)
 
 
-@pytest.mark.parametrize(('mass', 'inertia'), [
+@each_row(('mass', 'inertia'), [
     (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 3.0)), (-1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0)),
     (1.0, (1.0, 5.0, 0.0, 1.0, 0.0, 1.0)), (1.0, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0))])
 def test_impossible_inertials_are_reported(mass: float, inertia: Tensor) -> None:
@@ -129,7 +130,7 @@ def test_collision_names_of_contact_sensors(fixture: str, names: list[str]) -> N
     assert link.xpath('visual/@name') == ['base_visual']
 
 
-@pytest.mark.parametrize(('name', 'new'), [
+@each_row(('name', 'new'), [
     ('___', '___'), ('__', '__'), ('____', 'unnamed'), ('__a__', 'a'), ('__a', '__a'),
     ('a::::b', 'a____b')])
 def test_reserved_names(name: str, new: str) -> None:
@@ -170,7 +171,7 @@ def converted_from_gazebo(content: str) -> tuple[list[str], Element]:
     return flaws, convert_to_sdf(robot, report, SdfOptions(inertial='zero'))
 
 
-@pytest.mark.parametrize('content', [
+@each_row('content', [
     content for content, words in robots.PARTS_OF_SDF if not words])
 def test_valid_parts_in_gazebo(content: str) -> None:
     flaws, root = converted_from_gazebo(content)
@@ -178,7 +179,7 @@ def test_valid_parts_in_gazebo(content: str) -> None:
     assert root.find(f'model/link/{etree.fromstring(content).tag}') is not None
 
 
-@pytest.mark.parametrize(('content', 'words'), [
+@each_row(('content', 'words'), [
     (content, words) for content, words in robots.PARTS_OF_SDF if words])
 def test_invalid_values_stay_in_gazebo(content: str, words: str) -> None:
     flaws, root = converted_from_gazebo(content)
@@ -192,7 +193,7 @@ def test_invalid_values_stay_in_gazebo(content: str, words: str) -> None:
         (one.tag, one.attrib, one.text) for one in before.iter() if not len(one)]
 
 
-@pytest.mark.parametrize(('text', 'flaw'), [
+@each_row(('text', 'flaw'), [
     ('<texture><diffuse>a.png</diffuse></texture>', ''),
     ('<material><diffuse>a.png</diffuse></material>', "'a.png' is not 3 or 4 numbers"),
     ('<logical_camera><far>0.05</far></logical_camera>', ''),
@@ -215,7 +216,7 @@ def flaws(text: str) -> str:
     return ''.join(map(find_flaw, etree.fromstring(text).iter()))
 
 
-@pytest.mark.parametrize(('path', 'low', 'below', 'least'), [
+@each_row(('path', 'low', 'below', 'least'), [
     *((path, '0', '-1e-9', '0') for path in (
         'bias_stddev', 'bullet/friction', 'coefficient', 'cutoff_angle', 'dynamic_bias_stddev',
         'friction2', 'max_velocity', 'min_velocity', 'mu', 'mu2', 'near', 'patch_radius',
@@ -242,7 +243,7 @@ def test_greatest_value_of_the_schema(tag: str, high: str, above: str, bounds: s
     assert flaws(f'<{tag}>{above}</{tag}>') == f'{above!r} is outside of {bounds}'
 
 
-@pytest.mark.parametrize(('tag', 'valid', 'invalid', 'expected'), [
+@each_row(('tag', 'valid', 'invalid', 'expected'), [
     ('mass', ['0', ' 1.5 kg', '1_0', '.5', '5.', '+1e3', '-INF', 'infinity', 'NaN', '-0XfF',
               'infx', '9e307'],
      ['x', '-', '.', '1e309', '-1e309 kg', '0x' + 'f' * 300, 'e3', '\u0967', '\u0131nf'],
@@ -273,7 +274,7 @@ def test_pose_by_its_rotation_format(attribute: str, counts: list[int], expected
     assert valid == counts
 
 
-@pytest.mark.parametrize(('text', 'flaw'), [
+@each_row(('text', 'flaw'), [
     ('<mass rotation_format="quat_xyzw">1</mass>', ''),
     ('<name>x</name>', ''),
     ('<mass>x<unit/></mass>', ''),  # content that is not a text
@@ -296,7 +297,7 @@ def test_flaws_of_elements(text: str, flaw: str) -> None:
     assert flaws(text) == flaw
 
 
-@pytest.mark.parametrize(('plugin', 'is_valid'), [
+@each_row(('plugin', 'is_valid'), [
     ('name="p" filename="f"', True), ('name="p"', False), ('filename="f"', False),
     ('name=" " filename="f"', False), ('name="p" filename=" "', False)])
 def test_plugin_of_an_element(plugin: str, is_valid: bool) -> None:
@@ -358,7 +359,7 @@ def test_colour_that_cannot_be_clamped(text: str) -> None:
         kept(f'<visual name="v"><material><ambient>{text}</ambient></material></visual>')
 
 
-@pytest.mark.parametrize(('content', 'names', 'originals'), [
+@each_row(('content', 'names', 'originals'), [
     ('<light name="world" type="point"/>', ['world_light'], ['world']),
     ('<light name="__a__" type="point"/>', ['a'], ['__a__']),
     ('<gripper name="__a__"/>', ['__a__'], []),

@@ -23,10 +23,11 @@ from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from sdf_models import HALF, near, read, urdf_robot
 
 
-@pytest.mark.parametrize(('pose', 'expected'), [
+@each_row(('pose', 'expected'), [
     ('<pose/>', Pose()),
     ('<pose degrees="true">1 2 3 180 0 90</pose>', Pose((1, 2, 3), (math.pi, 0, HALF))),
     ('<pose rotation_format="euler_rpy">1 2 3 0.1 0 0</pose>', Pose((1, 2, 3), (0.1, 0, 0))),
@@ -43,7 +44,7 @@ def test_newer_version_is_read_with_a_warning() -> None:
     assert 'read as 1.12' in report.warnings[0].message
 
 
-@pytest.mark.parametrize('version', ['1.6', '1.13', '2.0', 'x', '1'])
+@each_row('version', ['1.6', '1.13', '2.0', 'x', '1'])
 def test_unsupported_output_versions(version: str) -> None:
     with pytest.raises(DescriptionError, match=r'1[.]7 to 1[.]12'):
         write_sdf(urdf_robot(), Report(), version=version)

@@ -31,6 +31,7 @@ from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from sdf_models import (
     HALF, reread, TURNED, urdf_robot, VERSIONS, with_axis, with_geometry, with_shape, written)
 
@@ -120,7 +121,7 @@ def test_restored_and_preserved_extensions() -> None:
     assert link.extension.sdf.xpath('sensor/pose/@relative_to') == ['arm']
 
 
-@pytest.mark.parametrize('geometry', [
+@each_row('geometry', [
     Box((1.0, 2.0, 0.1)), Sphere(0.5), Cylinder(1.0, 2.0), Capsule(1.0, 2.0), Mesh('model://a/b'),
     Mesh('b.stl', (0.001, 0.001, 1 / 3))])
 def test_round_trip_of_geometries(geometry: Geometry) -> None:
@@ -191,9 +192,9 @@ def test_pose_of_a_joint_away_from_its_child() -> None:
     assert written(replace(robot, links=links)).findtext('joint/pose') == '-1 0 0 0 0 0'
 
 
-@pytest.mark.parametrize('version', VERSIONS)
-@pytest.mark.parametrize('kind', ['fixed', 'revolute', 'continuous', 'prismatic', 'floating',
-                                  'planar', 'screw'])
+@each_row('version', VERSIONS)
+@each_row('kind', ['fixed', 'revolute', 'continuous', 'prismatic', 'floating',
+                   'planar', 'screw'])
 def test_round_trip_of_joint_types_by_version(version: str, kind: str) -> None:
     robot = urdf_robot(kind)
     limit = Limit(-1.0, 2.0) if kind == 'revolute' else None

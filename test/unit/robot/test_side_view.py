@@ -138,13 +138,14 @@ def texts_at(axes: Any) -> dict[str, tuple[float, float]]:
     return {one.get_text(): getattr(one, 'xy', one.get_position()) for one in axes.texts}
 
 
-@pytest.mark.parametrize(('turn', 'marker'), [(0.0, 'x'), (math.pi, '.')])
-def test_axes_along_the_viewing_direction(turn: float, marker: str) -> None:
-    robot = Robot(name='one',
-                  links=(Link(name='only', placement=Placement(Pose(), MODEL)),
-                         Link(name='other',
-                              placement=on('only', Pose((1.0, 0.0, 0.0), (turn, 0.0, 0.0))))))
-    assert (1.0, 0.0) in marks(drawn(robot)[2], marker)
+def test_axes_along_the_viewing_direction() -> None:
+    robot = Robot(name='one', links=(
+        Link(name='only', placement=Placement(Pose(), MODEL)),
+        *(Link(name=f'at {x}', placement=on('only', Pose((x, 0.0, 0.0), (turn, 0.0, 0.0))))
+          for x, turn in ((1.0, 0.0), (2.0, math.pi)))))
+    side = drawn(robot)[2]
+    assert (1.0, 0.0) in marks(side, 'x') and (2.0, 0.0) not in marks(side, 'x')
+    assert (2.0, 0.0) in marks(side, '.') and (1.0, 0.0) not in marks(side, '.')
 
 
 def test_axis_letters_of_coincident_frames() -> None:

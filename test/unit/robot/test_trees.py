@@ -34,6 +34,7 @@ from opencv_tools.robot.xml.document import parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
+from rows import each_row
 
 ARM = b"""<robot name="arm">
   <link name="base"><inertial><mass value="2"/>
@@ -110,7 +111,7 @@ def test_preserved_fixed_joint() -> None:
     assert [joint.name for joint in robot.joints] == ['screws', 'hinge']
 
 
-@pytest.mark.parametrize('seed', range(12))
+@each_row('seed', range(12))
 def test_mass_and_poses_of_random_robots(seed: int) -> None:
     robot = urdf(ElementTree.tostring(robots.urdf(Random(seed), 20)))
     lumped = lump_fixed(robot, Report())

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
-import pytest
+from rows import each_row
 from urdf_models import joint, LIMIT, read, written
 
 
@@ -44,7 +44,7 @@ def test_sdf_of_gazebo_blocks_belongs_to_the_model() -> None:
         ('j', ['sensor', 'provideFeedback']), (None, ['odd']), ('a', ['mu1'])]
 
 
-@pytest.mark.parametrize('part', [
+@each_row('part', [
     '<plugin name="p"/>', '<plugin name=" " filename="p.so"/>',
     '<sensor name="s" type="imu"><plugin filename="p.so"/></sensor>',
     '<sensor name="s" type="imu"><plugin name="p" filename=" "/></sensor>'])

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 from opencv_tools.robot.geometry import Box, Mesh, Sphere
 from opencv_tools.robot.xml.report import Report
-import pytest
+from rows import each_row
 from urdf_models import BOX, check_error, read, round_trip, visual, written
 
 
-@pytest.mark.parametrize(('content', 'location', 'message'), [
+@each_row(('content', 'location', 'message'), [
     (visual('<geometry>\n<box/></geometry>'), '2: <box>', 'has no size='),
     (visual('<geometry>\n<box size="1 1"/></geometry>'), '2: <box>', "size='1 1'"),
     (visual('<geometry>\n<box size="x 1 1"/></geometry>'), '2: <box>', "size='x 1 1'"),
@@ -40,11 +40,11 @@ def test_errors(content: str, location: str, message: str) -> None:
     check_error(content, location, message)
 
 
-@pytest.mark.parametrize('content', [
+@each_row('content', [
     '', '<geometry/>', '<geometry><cone/></geometry>', '<geometry><cone/><box/></geometry>',
     '<geometry><mesh scale="1 1 1"/></geometry>',
 ])
-@pytest.mark.parametrize('tag', ['visual', 'collision'])
+@each_row('tag', ['visual', 'collision'])
 def test_shape_without_a_valid_geometry_is_preserved(content: str, tag: str) -> None:
     report = Report()
     model = read(visual(f'<origin xyz="0 0 1"/>{content}</{tag}><{tag}>{BOX}', tag), report)

@@ -21,6 +21,7 @@ from opencv_tools.robot.model import FrameId, Link, MODEL, Placement, Robot, Sha
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from urdf_models import BLACK, BOX, check_error, ENDS, read, RED, round_trip, visual, written
 
 
@@ -33,7 +34,7 @@ def test_errors(content: str, location: str, message: str) -> None:
     check_error(content, location, message)
 
 
-@pytest.mark.parametrize(('content', 'material'), [
+@each_row(('content', 'material'), [
     ('<material name="m"><color rgba="1 0 0 1"/></material>',
      Material(name='m', color=RED, ambient=RED, specular=BLACK, emissive=BLACK)),
     ('<material name=""><color rgba="1 0 0 1"/></material>', Material(name='', color=RED,

@@ -28,11 +28,12 @@ from opencv_tools.robot.xml.document import DescriptionError, Element, parse
 from opencv_tools.robot.xml.report import Report
 import pytest
 import robots
+from rows import each_row
 from urdf_models import (
     BOX, check_error, ENDS, joint, LIMIT, LINKS, read, round_trip, visual, written)
 
 
-@pytest.mark.parametrize(('content', 'location', 'message'), [
+@each_row(('content', 'location', 'message'), [
     (joint('', 'hinge'), '1: <joint>', "type='hinge' is not supported; give one of fixed, revol"),
     (f'{LINKS}<joint name="j">{ENDS}</joint>', '1: <joint>', 'has no type=; give one of fixed'),
     (joint('\n<origin xyz="0 0"/>', 'fixed'), '2: <origin>', "xyz='0 0' is not 3 finite numbers"),
@@ -90,7 +91,7 @@ def test_choice_of_one_root_link() -> None:
         read(content, root_link='b')
 
 
-@pytest.mark.parametrize(('content', 'element', 'message'), [
+@each_row(('content', 'element', 'message'), [
     (visual('<geometry><box size="1 -1 1"/></geometry>'), 'box', "size='1 -1 1' is negative"),
     (visual('<geometry><sphere radius="-1"/></geometry>'), 'sphere', 'negative'),
     (joint('<limit lower="1" upper="-1" effort="1" velocity="1"/>'), 'limit', 'lower=1.0 is grea'),
@@ -132,7 +133,7 @@ def test_frames_of_placements() -> None:
     assert model.source == 'r.urdf'
 
 
-@pytest.mark.parametrize(('kind', 'content', 'axes'), [
+@each_row(('kind', 'content', 'axes'), [
     ('fixed', '', ()),
     ('fixed', '<axis xyz="0 0 0"/><limit/>', ()),
     ('floating', '', ()),
@@ -166,7 +167,7 @@ def test_revolute_joint_with_unlimited_limits() -> None:
     assert is_continuous(model.joints[0])
 
 
-@pytest.mark.parametrize('content', [
+@each_row('content', [
     '<link name="a"/><transmission name="t"><type>x</type></transmission>',
     '<link name="a"/><ros2_control name="t" type="system"><joint name="x"/></ros2_control>',
     '<link name="a"/><gazebo><odd x="1"/></gazebo>',

@@ -23,6 +23,7 @@ from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from urdf_models import BOX, joint, through_sdf
 
 
@@ -32,18 +33,18 @@ def test_complete_limits_of_fixed_joints() -> None:
         'lower': '0', 'upper': '1', 'effort': '1e+16', 'velocity': '1e+16'}
 
 
-@pytest.mark.parametrize(('content', 'attributes'), [
+@each_row(('content', 'attributes'), [
     ('<dynamics/>', []),
     ('<dynamics armature="1"/>', [{'armature': '1', 'damping': '0'}]),
     ('<dynamics friction="0"/>', [{'friction': '0'}]),
 ])
-@pytest.mark.parametrize('kind', ['continuous', 'fixed'])
+@each_row('kind', ['continuous', 'fixed'])
 def test_dynamics_have_a_number(kind: str, content: str, attributes: list[dict[str, str]]) -> None:
     root = through_sdf(joint(f'<axis xyz="0 0 1"/>{content}', kind))
     assert [dict(one.attrib) for one in root.iterfind('joint/dynamics')] == attributes
 
 
-@pytest.mark.parametrize(('content', 'message'), [
+@each_row(('content', 'message'), [
     ('<safety_controller/>', "joint 'j': has no k_velocity=, which URDF requires"),
     ('<safety_controller k_velocity="fast"/>', "k_velocity='fast' is not a finite number"),
     ('<calibration falling="1e400"/>', "falling='1e400' is not a finite number"),
@@ -55,7 +56,7 @@ def test_invalid_numbers_of_joints(content: str, message: str) -> None:
         through_sdf(joint(content, 'fixed'))
 
 
-@pytest.mark.parametrize(('version', 'back'), [
+@each_row(('version', 'back'), [
     ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.0')])
 def test_version_of_urdf(version: str, back: str) -> None:
     text = f'<robot name="r" version="{version}"><link name="a"/></robot>'

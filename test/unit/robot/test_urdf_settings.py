@@ -22,6 +22,7 @@ from opencv_tools.robot.urdf.settings import Setting, SETTINGS
 from opencv_tools.robot.xml.document import Element, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from sdf_models import read as read_model
 from urdf_models import joint, LIMIT, read
 
@@ -77,7 +78,7 @@ def test_every_setting_there_and_back(setting: Setting) -> None:
     assert settings_in(back) == [(reference, tag, text)]
 
 
-@pytest.mark.parametrize(('content', 'words'), [
+@each_row(('content', 'words'), [
     ('<gazebo reference="a"><mu>0.5</mu></gazebo>', 'no effect in SDF'),
     ('<gazebo reference="j"><mu1>0.5</mu1></gazebo>', 'no effect in SDF'),
     ('<gazebo reference="a"><mu1>rough</mu1></gazebo>', "'rough' is not a number"),
@@ -90,7 +91,7 @@ def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> No
     assert model.xpath('//surface') == []
 
 
-@pytest.mark.parametrize('content', [
+@each_row('content', [
     '<gazebo reference="j"><preserveFixedJoint>true</preserveFixedJoint></gazebo>',
     '<gazebo reference="j"><disableFixedJointLumping>true</disableFixedJointLumping></gazebo>',
     '<gazebo reference="a"><material>Gazebo/Red</material></gazebo>',

@@ -19,10 +19,11 @@ from __future__ import annotations
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from urdf_models import check_error, ENDS, joint, LINKS, read, round_trip, written
 
 
-@pytest.mark.parametrize(('content', 'location', 'message'), [
+@each_row(('content', 'location', 'message'), [
     ('', '1: <robot>', 'has no <link>'),
     ('<link/>', '1: <link>', 'has no name'),
     ('<link name=" "/>', '1: <link>', 'has no name'),

@@ -34,6 +34,7 @@ from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 from urdf_models import ENDS, joint, read, robot_of_sdf, round_trip, through_sdf, visual, written
 
 
@@ -144,7 +145,7 @@ def test_numbers_in_yourdfpy(load: Callable[[Robot], Any]) -> None:
     assert joints['k'].limit.upper == 1e16
 
 
-@pytest.mark.parametrize(('kind', 'limit', 'written_limit'), [
+@each_row(('kind', 'limit', 'written_limit'), [
     ('revolute', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '-2.5'}, {}),
     ('prismatic', {'lower': '-1', 'upper': '1', 'effort': '-1', 'velocity': '3'}, {}),
     ('continuous', {'effort': '-1', 'velocity': '-1'}, {}),
@@ -178,7 +179,7 @@ def test_robot_name_without_double_colons() -> None:
     assert [note.name for note in report.warnings] == ['a::b']
 
 
-@pytest.mark.parametrize(('written_geometry', 'geometry'), [
+@each_row(('written_geometry', 'geometry'), [
     ('<box size="1 2 3"/>', Box((1.0, 2.0, 3.0))),
     ('<sphere radius="0.1"/>', Sphere(0.1)),
     ('<cylinder radius="1" length="2"/>', Cylinder(1.0, 2.0)),
@@ -187,7 +188,7 @@ def test_robot_name_without_double_colons() -> None:
     ('<mesh filename="a" scale="1 1 0.123456789012345"/>', Mesh('a', (1.0, 1.0,
                                                                       0.123456789012345))),
 ])
-@pytest.mark.parametrize('tag', ['visual', 'collision'])
+@each_row('tag', ['visual', 'collision'])
 def test_geometry_in_a_round_trip(written_geometry: str, geometry: object, tag: str) -> None:
     model = read(visual(f'<origin xyz="0.1 0 0"/><geometry>{written_geometry}</geometry>', tag))
     shape = (model.links[0].visuals + model.links[0].collisions)[0]

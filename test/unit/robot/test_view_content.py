@@ -26,6 +26,7 @@ from opencv_tools.robot.view.content import read_content, to_json, ViewOptions
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 import pytest
+from rows import each_row
 
 ROOT = Path(__file__).parents[3]
 URDF, SDF = ROOT / 'urdf' / 'my_arm.urdf', ROOT / 'sdf' / 'my_arm' / 'model.sdf'
@@ -129,8 +130,8 @@ def test_axes_of_an_ellipsoid() -> None:
     assert axes @ np.diag(squares.sum() - squares) @ axes.T == pytest.approx(inertia)
 
 
-@pytest.mark.parametrize('inertia', ['0" iyy="0" izz="0', '1e300" iyy="1" izz="1',
-                                     '-1" iyy="-1" izz="-1', '1" iyy="1" izz="5'])
+@each_row('inertia', ['0" iyy="0" izz="0', '1e300" iyy="1" izz="1',
+                      '-1" iyy="-1" izz="-1', '1" iyy="1" izz="5'])
 def test_inertial_without_an_ellipsoid_or_with_a_flat_one(inertia: str) -> None:
     found = read_text(f'<link name="l"><inertial><mass value="5"/><inertia ixx="{inertia}" '
                       'ixy="0" ixz="0" iyz="0"/></inertial></link>')

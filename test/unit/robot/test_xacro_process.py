@@ -38,6 +38,8 @@ UNINTERRUPTIBLE = 'max(range(10**15))'
 
 @pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('content', 'limits', 'message'), [
+    ('\n<link name="${\'a\' * 2 * 10**8}"/>', XacroLimits(memory=200_000_000),
+     ':2: <link>: needs more memory than the limit'),
     (EXPONENTIAL + '\n<link name="${a12}"/>', XacroLimits(memory=200_000_000),
      ':2: <link>: needs more memory than the limit'),
     ('\n<link name="${[[n] for n in range(10**9)]}"/>', XacroLimits(memory=200_000_000),

@@ -19,9 +19,10 @@ from __future__ import annotations
 from lxml import etree
 from opencv_tools.robot.xml.document import repaired
 import pytest
+from rows import each_row
 
 
-@pytest.mark.parametrize(('text', 'line'), [
+@each_row(('text', 'line'), [
     ('\n\n<?xml version="1.0"?>\n<robot>\n<link/></robot>', 5),
     ('text\n<robot>\n<link/></robot>', 3),
     ('<?xml version="0.0"?>\n<robot>\n<link/></robot>', 3),
@@ -42,7 +43,7 @@ def test_repaired_documents(text: str, line: int) -> None:
     assert repaired(document) is None
 
 
-@pytest.mark.parametrize('text', [
+@each_row('text', [
     '', 'text', '<a><x:y/></a>', '<robot/>', '<robot><link></robot>', '<robot><!-- a',
     '<robotics/>', '<robot><xacro:macro/></robot>',
     '<robot xmlns:x="urn:x"><x:y x:z="1" xml:space="default"/>',

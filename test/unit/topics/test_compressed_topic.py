@@ -100,7 +100,8 @@ def test_each_type_for_each_reader(
     compressed = ours.frames._topics.compressed
     viewer.match(ours)
     viewer.watch(lambda: compressed.count_subscribers() == (reader in ('compressed', 'viewer')))
-    send(ours, viewer, *TYPES)
+    # The last types have no compressed form, so the topic ends.
+    send(ours, viewer, *(TYPES if reader == 'compressed' else (*TYPES[:-6:4], *TYPES[-6:])))
     viewer.assert_complete(ours)
     viewer.watch(lambda: not has_topic(node))
     if reader == 'compressed':

@@ -593,9 +593,7 @@ SEQUENCES = strategies.lists(strategies.sampled_from(ACTIONS), min_size=3, max_s
         strategies.sampled_from([*OFTEN, *some]), min_size=10, max_size=40))
 
 
-@settings(max_examples=600, deadline=None)
-@given(SEQUENCES)
-def test_changes_between_topic_and_memory(actions: list[str]) -> None:
+def check_changes_between_topic_and_memory(actions: list[str]) -> None:
     topic = Topic()
     for action in actions:
         getattr(topic, action)()
@@ -605,3 +603,9 @@ def test_changes_between_topic_and_memory(actions: list[str]) -> None:
         first, last = topic.passed[0], topic.passed[-1]
         assert topic.order.count == last - first + 1 - len(topic.passed)
         assert topic.order.is_complete == (first == 1)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [150, 600])
+def test_changes_between_topic_and_memory(examples: int) -> None:
+    settings(max_examples=examples)(given(SEQUENCES)(check_changes_between_topic_and_memory))()

@@ -192,11 +192,13 @@ def test_reader_without_writer(memory: FrameMemory) -> None:
     assert reader.receive() is None
 
 
-@settings(deadline=None, max_examples=60)
-@given(sizes=strategies.tuples(*[strategies.one_of(
-    strategies.integers(0, 30), strategies.integers(0, 2**32 - 1))] * 3),
+any_header = given(
+    sizes=strategies.tuples(*[strategies.one_of(
+        strategies.integers(0, 30), strategies.integers(0, 2**32 - 1))] * 3),
     payload=strategies.binary(max_size=40))
-def test_hostile_header(memory: FrameMemory, sizes: tuple[int, int, int], payload: bytes) -> None:
+
+
+def check_hostile_header(memory: FrameMemory, sizes: tuple[int, int, int], payload: bytes) -> None:
     writer = memory.create_writer(64)
     reader = memory.open_reader(writer.service, 1)
     slot = writer.lend(len(payload))
@@ -209,6 +211,12 @@ def test_hostile_header(memory: FrameMemory, sizes: tuple[int, int, int], payloa
         return
     assert frame.data.size == sizes[0]
     assert sum(sizes) <= len(slot._payload)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [20, 60])
+def test_hostile_header(examples: int, memory: FrameMemory) -> None:
+    settings(max_examples=examples)(any_header(check_hostile_header))(memory=memory)
 
 
 def test_texts_that_are_too_long(memory: FrameMemory) -> None:
@@ -356,13 +364,21 @@ def test_malformed_announcements(text: str, reason: str) -> None:
         read_announcement(text)
 
 
-@settings(deadline=None, max_examples=200)
-@given(strategies.one_of(strategies.text(), strategies.recursive(
-    strategies.one_of(strategies.none(), strategies.integers(), strategies.text()),
-    lambda inner: strategies.dictionaries(strategies.sampled_from(
-        ('version', 'service', 'boot', 'memory', 'user')), inner)).map(json.dumps)))
-def test_hostile_announcements(text: str) -> None:
+any_announcement = given(
+    strategies.one_of(strategies.text(), strategies.recursive(
+        strategies.one_of(strategies.none(), strategies.integers(), strategies.text()),
+        lambda inner: strategies.dictionaries(strategies.sampled_from(
+            ('version', 'service', 'boot', 'memory', 'user')), inner)).map(json.dumps)))
+
+
+def check_hostile_announcements(text: str) -> None:
     try:
         read_announcement(text)
     except AnnouncementError as err:
         assert str(err)
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [50, 200])
+def test_hostile_announcements(examples: int) -> None:
+    settings(max_examples=examples)(any_announcement(check_hostile_announcements))()

@@ -87,9 +87,10 @@ def test_impossible_sizes_are_refused(width: int, height: int) -> None:
             {**VALUES[FFMPEG_PACKET], 'width': width, 'height': height}))
 
 
-@settings(max_examples=300)
-@given(st.sampled_from([*VIDEO_TOPICS]), st.binary(max_size=120), st.booleans())
-def test_hostile_bytes(type_name: str, data: bytes, has_head: bool) -> None:
+any_content = given(st.sampled_from([*VIDEO_TOPICS]), st.binary(max_size=120), st.booleans())
+
+
+def check_hostile_bytes(type_name: str, data: bytes, has_head: bool) -> None:
     with suppress(CdrError):
         found = cdr_to_video(type_name, b'\0\1\0\0' * has_head + data)
         assert len(found.data) <= len(data)
@@ -97,10 +98,23 @@ def test_hostile_bytes(type_name: str, data: bytes, has_head: bool) -> None:
         _ = found.codec
 
 
-@settings(max_examples=200)
-@given(st.sampled_from([*VIDEO_TOPICS]), st.integers(0, 60), st.integers(0, 255))
-def test_damaged_messages(type_name: str, place: int, value: int) -> None:
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [75, 300])
+def test_hostile_bytes(examples: int) -> None:
+    settings(max_examples=examples)(any_content(check_hostile_bytes))()
+
+
+any_byte = given(st.sampled_from([*VIDEO_TOPICS]), st.integers(0, 60), st.integers(0, 255))
+
+
+def check_damaged_messages(type_name: str, place: int, value: int) -> None:
     damaged = np.frombuffer(video_to_cdr(type_name, HEADER, PACKET, 1), np.uint8).copy()
     damaged[place % len(damaged)] = value
     with suppress(CdrError):
         assert len(cdr_to_video(type_name, damaged.tobytes()).data) < 100
+
+
+@pytest.mark.quick_cases(1)
+@pytest.mark.parametrize('examples', [50, 200])
+def test_damaged_messages(examples: int) -> None:
+    settings(max_examples=examples)(any_byte(check_damaged_messages))()

@@ -97,11 +97,12 @@ def test_values_charts_and_picture_of_quantised_metres() -> None:
     assert picture.measured == (1, 2)
 
 
+@pytest.mark.quick_cases(1)
 @pytest.mark.parametrize(('format_text', 'limits'), [
     (METRES, None), (METRES, (0.0, 3.0)), (MILLIMETRES, None)])
 def test_large_image_needs_little_more_memory_than_its_numbers(
         format_text: str, limits: tuple[float, float] | None) -> None:
-    side = 4000
+    side = 3000
     message = message_of(
         content_of(np.full((side, side), 500, np.uint16), 1000.0), format_text)
     assert len(message.data) < side * side / 100

@@ -61,14 +61,16 @@ def turned(shown: np.ndarray, orientation: int) -> bytes:
 
 
 @pytest.mark.parametrize('width', [0, 33, 64, 640])
-@pytest.mark.parametrize('encoding', [
-    *ENCODINGS, '8UC1', '8UC3', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1', '32FC3', '16UC3'])
-def test_every_encoding_is_shown(encoding: str, width: int) -> None:
-    picture = encode_picture(wire(random_image(encoding, 48, 64), encoding),
-                             PictureOptions(width, 80))
-    assert picture.source_size == (64, 48)
-    assert picture.width <= (width or 64)
-    assert pixels(picture).dtype == np.uint8
+def test_every_encoding_is_shown(width: int) -> None:
+    wrong = []
+    for encoding in (*ENCODINGS, '8UC1', '8UC3', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1',
+                     '32FC3', '16UC3'):
+        picture = encode_picture(wire(random_image(encoding, 48, 64), encoding),
+                                 PictureOptions(width, 80))
+        if (picture.source_size != (64, 48) or picture.width > (width or 64)
+                or pixels(picture).dtype != np.uint8):
+            wrong.append(encoding)
+    assert not wrong
 
 
 @pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'bgra8', 'mono8'])

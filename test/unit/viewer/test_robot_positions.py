@@ -33,6 +33,7 @@ from opencv_tools.viewer.robot.joints import joints_of, LiveJoint
 from opencv_tools.viewer.robot.live import Positions
 import pytest
 from rclpy.serialization import serialize_message
+from rows import each_row
 from sensor_msgs.msg import JointState
 
 PLANAR = ROBOT.replace('type="floating"', 'type="planar"').replace(
@@ -98,7 +99,7 @@ def test_joint_states_come_before_transforms() -> None:
     assert positions.used == 2
 
 
-@pytest.mark.parametrize('numbers', [
+@each_row('numbers', [
     [0, 0, 0, 0, 0, 0, 0], [0, math.nan, 0, 1, 0, 0, 0], [0, 0, 1e300, 1, 0, 0, 0],
     [0, 0, 0, math.nan, 0, 0, 0], [0, 0, 0, math.inf, 0, 0, 0]])
 def test_bad_transform(numbers: list[float]) -> None:

@@ -42,11 +42,13 @@ def test_robot_from_a_process() -> None:
         ('flight', 'floating', ('base', 'drone'))]
 
 
+@pytest.mark.quick_cases(3)
 @pytest.mark.process
 @pytest.mark.parametrize('output', [
-    'sys.exit()', """bytes(2 * 10**9) and b'{{"error": "no limit of memory"}}'""",
-    """b'{{"err'""", """b'{{"error": "", "meshes": []}}'""",
-    r"""b'{{"error": "", "meshes": []}}\n{{"robots": [{{"links": ['"""])
+    """bytes(2 * 10**9) and b'{{"error": "no limit of memory"}}'""",
+    """b'{{"error": "", "meshes": []}}'""",
+    r"""b'{{"error": "", "meshes": []}}\n{{"robots": [{{"links": ['""",
+    'sys.exit()', """b'{{"err'"""])
 def test_process_without_a_whole_answer(output: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reader, '_SCRIPT', (
         'import sys; sys.path[:] = {!r}; import {} as reader; '
