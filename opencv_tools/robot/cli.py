@@ -95,7 +95,7 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
     """List the frames of a robot and return the exit status."""
     parser = _parser('robot_frames', 'List the frames of a robot: joints in their parent links, '
                      'links in the root link.',
-                     'my_arm.urdf --joint elbow=0.5 --plot frames.png')
+                     'my_arm.urdf --joint elbow=0.5 --conventions both.png')
     _add_input(parser, 'FILE', _ANY_FORMAT)
     _add_xacro_option(parser)
     _add_sdf_options(parser)
@@ -104,8 +104,6 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
                         'NAME:=VALUE is accepted too; may be repeated')
     parser.add_argument('--format', default='text', choices=['text', 'json'],
                         help='format of the list [%(default)s]')
-    parser.add_argument('--plot', metavar='PICTURE',
-                        help='also draw the frames, as .png or .svg')
     parser.add_argument('--conventions', metavar='PICTURE', help='also draw the joints that URDF '
                         'places beside the links that SDF places, as .png or .svg')
     return _run(parser, argv)

@@ -22,8 +22,7 @@ import math
 from typing import Any
 
 from opencv_tools.robot.drawing.figure import (
-    in_inches, matplotlib_module, new_figure, save, size_of)
-from opencv_tools.robot.drawing.labels import Column, Entry
+    Column, Entry, in_inches, matplotlib_module, new_figure, save, size_of)
 from opencv_tools.robot.drawing.primitives import (
     AXIS_COLORS, bezier_curve, GREY, hull, placed_shapes, plain, Point, pose_text, scaled,
     SHAPE_COLORS, TEXT_COLOR, transformed, UNITS)
@@ -62,7 +61,13 @@ class _Panel:
 
 
 def plot_conventions(robot: Robot, listing: Listing, path: str) -> None:
-    """Draw the joints that URDF places beside the links that SDF places, as `plot.plot`."""
+    """
+    Draw the joints that URDF places beside the links that SDF places, into a PNG or SVG file.
+
+    :param listing: a result of `listing.frames`.
+    :param path: file name with the suffix of its format.
+    :raises DescriptionError: matplotlib is not installed, or the file cannot be written.
+    """
     save(path, lambda: draw(robot, listing))
 
 

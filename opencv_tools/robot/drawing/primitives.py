@@ -23,7 +23,7 @@ import math
 from opencv_tools.robot.frames.listing import Listing, transform_of
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Sphere
 from opencv_tools.robot.model import Robot, Shape
-from opencv_tools.robot.pose import Transform, Vector, ZERO
+from opencv_tools.robot.pose import Transform, Vector
 
 Point = tuple[float, float]
 
@@ -41,7 +41,6 @@ class PlacedShape:
     """A visual or collision and its pose in the root link."""
 
     kind: str
-    link: str
     shape: Shape
     pose: Transform
 
@@ -57,7 +56,7 @@ def placed_shapes(robot: Robot, listing: Listing) -> Iterator[PlacedShape]:
         listed = listing['links'][link.name]
         for kind, shapes in (('visual', link.visuals), ('collision', link.collisions)):
             for shape, entry in zip(shapes, listed[f'{kind}s']):
-                yield PlacedShape(kind, link.name, shape, transform_of(entry['pose']))
+                yield PlacedShape(kind, shape, transform_of(entry['pose']))
 
 
 def plain(text: str, longest: int = 60) -> str:
@@ -137,14 +136,6 @@ def hull(points: Iterable[Point]) -> list[Point]:
 
 def _cross(a: Point, b: Point, c: Point) -> float:
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-
-
-def extent(points: Sequence[Vector]) -> tuple[Vector, Vector]:
-    """Return the centre of points and half of their extent along each axis."""
-    columns = list(zip(*(points or [ZERO])))
-    x, y, z = ((min(column) + max(column)) / 2 for column in columns)
-    a, b, c = ((max(column) - min(column)) / 2 for column in columns)
-    return (x, y, z), (a, b, c)
 
 
 def scaled(vector: Vector, length: float) -> Vector:

@@ -97,8 +97,7 @@ def test_warnings_and_report(arm: str, tmp_path: Path, capsys: Text) -> None:
 
 
 @pytest.mark.parametrize(('command', 'first', 'second'), [
-    (urdf_to_sdf, '--output', '--report'), (sdf_to_urdf, '--output', '--report'),
-    (robot_frames, '--plot', '--conventions')])
+    (urdf_to_sdf, '--output', '--report'), (sdf_to_urdf, '--output', '--report')])
 def test_two_outputs_in_one_file(
         command: Callable[[list[str]], int], first: str, second: str, tmp_path: Path,
         capsys: Text) -> None:
@@ -277,7 +276,7 @@ def test_output_to_a_loop_of_links(arm: str, tmp_path: Path, capsys: Text) -> No
 
 @pytest.mark.parametrize(('command', 'option'), [
     (urdf_to_sdf, '--output'), (urdf_to_sdf, '--report'), (sdf_to_urdf, '--output'),
-    (robot_frames, '--plot'), (robot_view, '--html')])
+    (robot_frames, '--conventions'), (robot_view, '--html')])
 @pytest.mark.parametrize('kind', ['same', 'relative', 'link', 'hard link', 'folder'])
 def test_output_that_is_an_input(
         command: Callable[[list[str]], int], option: str, kind: str, tmp_path: Path,
@@ -411,11 +410,11 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
             robot_frames([str(path), '--joint', wrong])
 
 
-def test_plot_beside_the_list(tmp_path: Path, capsys: Text) -> None:
+def test_picture_beside_the_list(tmp_path: Path, capsys: Text) -> None:
     picture = tmp_path / 'frames.svg'
     robot = tmp_path / 'robot.urdf'
     robot.write_text('<robot name="r"><link name="base_link"/></robot>')
-    assert robot_frames([str(robot), '--plot', str(picture)]) == 0
+    assert robot_frames([str(robot), '--conventions', str(picture)]) == 0
     assert 'base_link' in capsys.readouterr().out
     assert b'<svg' in picture.read_bytes()
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Picture of both conventions, and the layout of texts in all pictures of robots."""
+"""Picture of both conventions."""
 
 from __future__ import annotations
 
@@ -25,11 +25,9 @@ from typing import Any
 
 from lxml import etree
 from matplotlib.text import Text
-from mpl_toolkits.mplot3d.proj3d import proj_transform
-import numpy as np
 from opencv_tools.robot.cli import robot_frames
 from opencv_tools.robot.convert import convert_to_urdf
-from opencv_tools.robot.drawing import conventions, plot
+from opencv_tools.robot.drawing import conventions
 from opencv_tools.robot.drawing.figure import DPI
 from opencv_tools.robot.drawing.primitives import pose_text
 from opencv_tools.robot.frames.listing import frames
@@ -113,12 +111,6 @@ PICTURES = pytest.mark.parametrize(('name', 'positions'), [
     ids=['my_robot', 'my_arm', 'thirty', 'short', *(f'{name} moved' for name in MOVED)])
 
 
-@cache
-def plotted(name: str, moved: bool = False) -> Any:
-    """Return the picture of a robot, which tests share."""
-    return plot.draw(ROBOTS[name], frames(ROBOTS[name], MOVED[name] if moved else {}))
-
-
 def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
     """Return all texts that a figure draws, each with its bounding box in pixels."""
     found = []
@@ -138,43 +130,18 @@ def drawn_texts(figure: Any, monkeypatch: pytest.MonkeyPatch) -> list[tuple[str,
 def test_texts_inside_the_picture_without_overlaps(
         name: str, positions: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> None:
     robot = ROBOTS[name]
-    pictures = [plotted(name, positions != {}), panels(robot, positions)[0].figure]
+    figure = panels(robot, positions)[0].figure
     names = [link.name for link in robot.links] + [joint.name for joint in robot.joints]
-    for figure in pictures:
-        texts = drawn_texts(figure, monkeypatch)
-        for text, box in texts:
-            assert box.x0 > 8 and box.x1 < figure.bbox.width - 8, text
-            assert box.y0 > 8 and box.y1 < figure.bbox.height - 8, text
-        for (one, box), (other, second) in combinations(texts, 2):
-            wide = min(box.x1, second.x1) - max(box.x0, second.x0)
-            high = min(box.y1, second.y1) - max(box.y0, second.y0)
-            assert min(wide, high) < 3, (one, other)
-        for wanted in names:
-            assert any(wanted in text for text, _ in texts)
-
-
-@pytest.mark.quick_cases(1)
-@pytest.mark.parametrize('name', ['my_robot', 'my_arm', 'thirty'])
-def test_space_view_filling_its_cell(name: str) -> None:
-    figure = plotted(name)
-    view, renderer = figure.axes[0], figure.canvas.get_renderer()
-    assert not any(one.get_clip_on() for one in view.collections)
-    assert [axis.label.get_rotation() for axis in (view.xaxis, view.yaxis, view.zaxis)] == [0] * 3
-    boxes = [axis.get_tightbbox(renderer) for axis in (view.xaxis, view.yaxis, view.zaxis)]
-    corners = view.transData.transform([
-        proj_transform(x, y, z, view.get_proj())[:2] for x in view.get_xlim()
-        for y in view.get_ylim() for z in view.get_zlim()])
-    low = np.min([*corners, *((box.x0, box.y0) for box in boxes)], axis=0)
-    high = np.max([*corners, *((box.x1, box.y1) for box in boxes)], axis=0)
-    head = next(text for text in figure.texts if text.get_text().startswith('Frames of'))
-    start, end = 0.3 * DPI, 7.8 * DPI
-    top = head.get_window_extent(renderer).y0
-    assert low[0] > start - 2 and high[0] < end + 2
-    assert high[1] < top
-    assert abs(low[0] + high[0] - start - end) / 2 < 15
-    bottom = min(0.3 * DPI if len(figure.axes) < 3 else figure.axes[2].bbox.y1, top)
-    assert low[1] > bottom
-    assert max((high[0] - low[0]) / (end - start), (high[1] - low[1]) / (top - bottom)) > 0.85
+    texts = drawn_texts(figure, monkeypatch)
+    for text, box in texts:
+        assert box.x0 > 8 and box.x1 < figure.bbox.width - 8, text
+        assert box.y0 > 8 and box.y1 < figure.bbox.height - 8, text
+    for (one, box), (other, second) in combinations(texts, 2):
+        wide = min(box.x1, second.x1) - max(box.x0, second.x0)
+        high = min(box.y1, second.y1) - max(box.y0, second.y0)
+        assert min(wide, high) < 3, (one, other)
+    for wanted in names:
+        assert any(wanted in text for text, _ in texts)
 
 
 def panels(robot: Robot, positions: dict[str, float] | None = None) -> list[Any]:
