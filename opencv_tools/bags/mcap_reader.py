@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reader of MCAP files."""
+"""Reader of MCAP files: by their index, or by the heads of all records without one."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Records of MCAP files, with limits of the memory.
+Records of MCAP files: their format, and reading with limits of the memory.
 
 The readers of the library ``mcap`` load a chunk as often as a message needs it, and believe the
 sizes that a file claims. Here a claimed size is compared with the file, and no data are copied.

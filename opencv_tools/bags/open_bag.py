@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Opening of the files of a bag."""
+"""Opening of the files of a bag, which metadata.yaml of rosbag2 names."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The work of img_calibrate: a board, a check, or calibrations of one or two cameras."""
+"""The command img_calibrate: its actions, the files it writes and its report."""
 
 from __future__ import annotations
 

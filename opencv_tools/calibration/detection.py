@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Search for a calibration board in an image."""
+"""Search for a calibration board and its markers in an image."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Selection of the views of a board for a calibration, and what is still missing."""
+"""Selection of the views of a board by the cells of the image that they cover."""
 
 from __future__ import annotations
 

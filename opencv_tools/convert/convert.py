@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conversion of the frames of a source to files."""
+"""Conversion of the selected frames of a source to files, with the times of the source."""
 
 from __future__ import annotations
 

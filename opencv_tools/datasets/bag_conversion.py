@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Conversion of one bag to a part of a data set.
+Conversion of one bag to a part of a data set: its rows and its videos.
 
 ``convert_bag`` depends only on its arguments, so bags can be converted in any order on any
 machine. ``merge`` joins the parts.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Check of a LeRobot data set, of this package or any other: what it says against what it has."""
+"""Check of a LeRobot data set of any origin: its rows, its videos and the report."""
 
 from __future__ import annotations
 

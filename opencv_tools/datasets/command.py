@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What img_convert does for data sets: convert, check and merge."""
+"""The command img_convert for data sets: its options, and convert, check and merge."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conversion of the bags of a source to a data set, or to a shard of one."""
+"""Conversion of the bags of a source to a data set or a shard of one, and its dry run."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The messages of a topic of a bag, collected while the bag is read."""
+"""The messages of a topic of a bag as samples, and their numbers with names."""
 
 from __future__ import annotations
 

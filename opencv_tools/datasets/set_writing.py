@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Writing of a data set, of the parts of a conversion or of several shards."""
+"""Writing of a data set from parts or shards, and the account of its topics."""
 
 from __future__ import annotations
 

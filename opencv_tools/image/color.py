@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conversion of images between encodings, with the arithmetic of OpenCV."""
+"""Conversion between gray, RGB, BGR and YUV encodings, with the arithmetic of OpenCV."""
 
 from __future__ import annotations
 

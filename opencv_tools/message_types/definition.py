@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Message types, read from the text of their definitions (``.msg``)."""
+"""Message types, read from the text of their definitions (``.msg``), and primitive types."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Entry point of the nodes: parse arguments, run the node, return an exit status."""
+"""Entry point of the nodes: arguments, log folder, signals, the end and the exit status."""
 
 from __future__ import annotations
 

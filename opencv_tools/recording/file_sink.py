@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording of frames in files that hold many: videos and bags."""
+"""Recording of frames in files that hold many, and the time in which the disk takes none."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Output folder of a recording: atomic files, each with its line in the manifest."""
+"""Output folder of a recording: atomic files, the manifest and its journal."""
 
 from __future__ import annotations
 

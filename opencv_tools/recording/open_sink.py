@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Creation of the sink of a recording: image files, videos or bags."""
+"""Creation of the sink of a recording, after the files of killed recordings are finished."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recorder of frames: a queue, threads that encode, and commits in the order of the frames."""
+"""Recorder of frames: a bounded queue, threads that encode, and commits in order."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conversion of a robot to the XML of the other format."""
+"""Conversion of a robot to the XML of the other format, with links that fixed joints connect."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Error of a parameter or argument that cannot be used."""
+"""Errors of parameters and arguments, and those of rclpy with their reasons."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The topics on which frames are published."""
+"""The topics on which frames are published, as images and as video."""
 
 from __future__ import annotations
 

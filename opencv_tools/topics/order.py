@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Order of the frames of a topic: which ones are repeated, and how many were lost."""
+"""Order of the frames of a topic: repeated, lost and only shared ones."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The sources of shared frames of a topic, one for each publisher that shares."""
+"""The sources of shared frames of a topic, and the services that announce them."""
 
 from __future__ import annotations
 

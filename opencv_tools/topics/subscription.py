@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Subscription that adapts to the publishers of a topic, and reports why no frames arrive."""
+"""Subscription that adapts to the publishers of a topic, with warnings about its frames."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures of one topic for one page; the next one is sent when the page has answered."""
+"""Pictures of one topic for one page, of the width and quality that its link carries."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Control of cameras and recorders: parameters, pauses and saved frames."""
+"""Control of cameras and recorders: parameters as JSON, pauses and saved frames."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Colours of numbers, such as depth, and of pixels without a number."""
+"""Colours of numbers such as depth, and their range, which follows the pictures slowly."""
 
 from __future__ import annotations
 

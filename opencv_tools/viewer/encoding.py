@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Pictures for a browser from image messages."""
+"""Pictures of any size for a browser from image messages."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The newest frame of a topic, passed from the executor to the loop of the server."""
+"""The newest frame of a topic for the loop of the server, also of a camera that starts again."""
 
 from __future__ import annotations
 

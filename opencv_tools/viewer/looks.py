@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Answers to the questions of a page about the pixels of its pictures."""
+"""Values of the pixels that a page asks for: of one, along a line, and how often they occur."""
 
 from __future__ import annotations
 

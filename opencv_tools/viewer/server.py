@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The server of the viewer, in a thread of its own."""
+"""The server of the viewer, in a thread of its own, and the file that keeps its token."""
 
 from __future__ import annotations
 

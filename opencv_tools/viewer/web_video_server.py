@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The addresses of web_video_server: snapshots and streams."""
+"""The addresses of web_video_server: snapshots, as the recorder writes them, and streams."""
 
 from __future__ import annotations
 

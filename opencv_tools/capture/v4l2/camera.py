@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A V4L2 camera as a source."""
+"""A V4L2 camera as a source, the cameras of this machine, and their errors in plain words."""
 
 from __future__ import annotations
 

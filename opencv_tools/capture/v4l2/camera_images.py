@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The images of a camera, of which the newest one is read."""
+"""Images of a camera, of which the newest is read, and packets of H.264, which are all read."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The calibration that is published as ``camera_info``, scaled and turned like the images."""
+"""The calibration that is published as ``camera_info``, scaled, flipped and rotated."""
 
 from __future__ import annotations
 

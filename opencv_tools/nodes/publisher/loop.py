@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The loop that publishes the frames of a source, and its answers to events and requests."""
+"""The loop that publishes the frames of a source, its answers to requests, and its log."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Topics of an image and its calibration, on which it is published in every form."""
+"""Topics on which an image and its calibration are published, and their messages."""
 
 from __future__ import annotations
 

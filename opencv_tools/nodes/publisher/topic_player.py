@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Playback of the messages of other topics of a bag beside its images."""
+"""Playback of other topics of a bag, at the pace of its images or of the clock."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording of the selected or requested frames, until a limit is reached."""
+"""Recording of selected or requested frames until a limit, and the service ``~/save``."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording of the messages of other topics beside the frames, as they were received."""
+"""Recording of other topics beside the frames: which ones, their batches and account."""
 
 from __future__ import annotations
 

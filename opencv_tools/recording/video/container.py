@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Files that hold video: MP4, Matroska or AVI, with the true time of each frame.
+Files that hold video: MP4, Matroska or AVI, with true times, also on a full disk.
 
 A file that is truncated at any moment still plays, except for about its last second. Frames wait
 in memory until FFmpeg writes several of them together. The first frame is written with the third.

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Videos as files of a recording; a new video begins when a frame does not fit.
+Videos as files of a recording, encoded or copied from packets of a publisher.
 
 Packets of video are copied. All other frames are encoded. A file has frames of one kind.
 """

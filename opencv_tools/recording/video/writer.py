@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Videos of frames that are encoded as H.264."""
+"""Videos of frames that are encoded as H.264, also those that were killed."""
 
 from __future__ import annotations
 

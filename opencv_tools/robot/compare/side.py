@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""One of two robots that are compared: its objects by names that are the same in both formats."""
+"""One of two robots that are compared: its objects by common names, and other elements."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Inertials: sums, and those that SDF computes from the density of the collisions."""
+"""Inertials: sums, and those of the solids of collisions with a density."""
 
 from __future__ import annotations
 

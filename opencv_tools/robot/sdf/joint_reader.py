@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reader of SDF joints: types, and closed loops."""
+"""Reader of SDF joints and their axes: types, rules of each version, and closed loops."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Facts of a whole URDF file that its elements are read with."""
+"""Facts of a whole URDF file that its elements are read with, and its ``<gazebo>`` blocks."""
 
 from __future__ import annotations
 

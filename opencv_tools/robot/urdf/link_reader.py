@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reader of URDF links."""
+"""Reader of URDF links, their visuals and their collisions."""
 
 from __future__ import annotations
 

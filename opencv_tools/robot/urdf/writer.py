@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-A robot, written as URDF.
+A robot, written as URDF, with ``<gazebo>`` blocks for what only SDF has.
 
 URDF has no link poses. Everything in a link is placed in the frame of its parent joint.
 """

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Files of meshes and their textures, found by the rules of the converter and read with limits.
+Files of meshes and textures in the folders of packages, read with limits.
 
 Only files below the folder of the robot, the folder above it, a package or a folder of the search
 path are read.

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Documents of XML: robot descriptions that are read safely, their elements, and errors."""
+"""Documents of XML: robot descriptions, read safely and repaired, their elements and errors."""
 
 from __future__ import annotations
 

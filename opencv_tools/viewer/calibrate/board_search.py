@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Search of the newest images of a stream for the board of a session."""
+"""Search of the newest images of a topic for the board, in a thread of its own."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A calibration of a topic while its images arrive."""
+"""A calibration of a topic while its images arrive, and its state for the page."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Addresses below ``/calibrate``: the page, printable boards and the calibration file."""
+"""Addresses below ``/calibrate``: the page, its WebSocket, boards and results."""
 
 from __future__ import annotations
 

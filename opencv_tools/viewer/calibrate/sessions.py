@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""All calibrations of the server, one for each topic."""
+"""All calibrations of the server, one for each topic, and those they replace."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Frames of a topic whose boxes have arrived, matched by their stamps."""
+"""Frames of a topic and their boxes, matched by their stamps."""
 
 from __future__ import annotations
 

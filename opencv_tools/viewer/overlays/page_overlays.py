@@ -11,7 +11,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Overlays of the pictures of one page."""
+"""Overlays of the pictures of one page: boxes, principal point and undistorted view."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 
-"""Recordings that pages start and stop: one at a time for all pages."""
+"""Recordings that pages start and stop: one for all pages, with its folder and disk work."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The live robot of the server: the positions of its joints, and the pages."""
+"""The live robot of the server: its description, the positions of its joints and the pages."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Addresses below ``/robot/``: the page of robot_view, its document and its meshes."""
+"""Addresses below ``/robot/``: the page of robot_view, its WebSocket, document and meshes."""
 
 from __future__ import annotations
 
