@@ -22,7 +22,6 @@ process has limits of memory and time.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 import json
 import os
@@ -39,11 +38,9 @@ from opencv_tools.robot.xacro.expand import expand
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.input import display_name, MAX_BYTES
 from opencv_tools.robot.xml.report import Note, Report
+from opencv_tools.worker import restrict, worker_command
 
 _NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
-# The process imports from the same folders as this one.
-_START = ('import sys; sys.path[:] = sys.argv[1:]; '
-          'from opencv_tools.robot.xacro.process import main; main()')
 _REPLY = b'\0'  # begins the reply; other output, for example of sitecustomize, is before it
 
 
@@ -66,9 +63,9 @@ class XacroLimits:
         """Limit this process. It raises an `XacroProblem` when it reaches a limit of time."""
         signal.signal(signal.SIGXCPU, self._end)
         signal.signal(signal.SIGALRM, self._end)
-        _restrict(resource.RLIMIT_CORE, 0)
-        _restrict(resource.RLIMIT_AS, self.memory)
-        _restrict(resource.RLIMIT_CPU, self.seconds, self.seconds + self.grace)
+        restrict(resource.RLIMIT_CORE, 0)
+        restrict(resource.RLIMIT_AS, self.memory)
+        restrict(resource.RLIMIT_CPU, self.seconds, self.seconds + self.grace)
         # The alarm repeats, because xacro continues after some errors.
         signal.setitimer(signal.ITIMER_REAL, self.wait, 1.0)
 
@@ -114,8 +111,7 @@ def expand_apart(path: str, data: bytes, arguments: Mapping[str, str], report: R
                           'find': find, 'limits': asdict(limits)})
     try:
         process = subprocess.run(
-            [sys.executable or 'python3', '-c', _START, *map(str, sys.path)],
-            input=request.encode() + b'\n' + data, capture_output=True,
+            worker_command(__name__), input=request.encode() + b'\n' + data, capture_output=True,
             timeout=limits.wait + limits.grace, check=False)
     except subprocess.TimeoutExpired as err:
         raise DescriptionError(limits.timeout, source=source) from err
@@ -143,16 +139,6 @@ def _exit_reason(process: subprocess.CompletedProcess[bytes], limits: XacroLimit
         return TOO_LARGE
     return 'cannot be expanded: ' + (
         message[:200] or f'the process ended with exit status {process.returncode}')
-
-
-def _restrict(limit: int, soft: int, hard: int | None = None) -> None:
-    """Lower a limit of this process; a lower limit stays as it is."""
-    _, maximum = resource.getrlimit(limit)
-    hard = soft if hard is None else hard
-    if maximum != resource.RLIM_INFINITY:
-        soft, hard = min(soft, maximum), min(hard, maximum)
-    with suppress(OSError, ValueError):  # some systems do not support every limit
-        resource.setrlimit(limit, (soft, hard))
 
 
 def main() -> None:

@@ -17,10 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import Sequence
-from contextlib import suppress
-import os
 import pickle
 import sys
 from typing import cast
@@ -30,11 +27,9 @@ from opencv_tools.calibration.detection import Detection
 from opencv_tools.calibration.least_squares import MODELS
 from opencv_tools.calibration.solve import Calibration, solve
 from opencv_tools.calibration.verdict import judge, Verdict
+from opencv_tools.worker import begin_work, Worker, worker_command
 
 _SECONDS = 120.0
-_NICE = 5  # pictures are more urgent
-# The working directory, which -m and -c add to the path, may have any modules.
-_SCRIPT = 'import sys; sys.path[:] = {!r}; from {} import main; main()'
 
 
 def check_model(model: object) -> None:
@@ -47,11 +42,8 @@ def check_model(model: object) -> None:
         raise CalibrationError(f'the model is {model!r:.40}: give one of ' + ', '.join(MODELS))
 
 
-class Solver:
+class Solver(Worker):
     """A process that solves one calibration."""
-
-    def __init__(self) -> None:
-        self._process: Process | None = None
 
     async def solve(
         self, views: Sequence[Detection], model: str,
@@ -62,17 +54,12 @@ class Solver:
         :raises CalibrationError: the views determine no lens, or the process was ended.
         """
         # Both ends of the pipes are ours, so pickle is safe.
-        self._process = await asyncio.create_subprocess_exec(
-            sys.executable, '-c', _SCRIPT.format(sys.path, __name__), stdin=PIPE, stdout=PIPE,
-            stderr=DEVNULL, start_new_session=True)
         try:
-            output, _ = await asyncio.wait_for(
-                self._process.communicate(pickle.dumps((list(views), model))), _SECONDS)
+            output = await self.run(
+                worker_command(__name__), pickle.dumps((list(views), model)), _SECONDS)
         except asyncio.TimeoutError as err:
             raise CalibrationError(
                 f'there was no solution within {_SECONDS:g} s: delete some views') from err
-        finally:
-            self.close()
         if not output:
             raise CalibrationError('the solution was ended')
         found, problem = pickle.loads(output)
@@ -80,21 +67,10 @@ class Solver:
             raise CalibrationError(problem)
         return cast('tuple[Calibration, Verdict]', found)
 
-    @property
-    def is_running(self) -> bool:
-        """Whether there is a process that has not ended."""
-        return self._process is not None and self._process.returncode is None
-
-    def close(self) -> None:
-        """End the process."""
-        if self._process and self.is_running:
-            with suppress(ProcessLookupError):
-                self._process.kill()
-
 
 def main() -> None:
     """Read views from standard input, and write their calibration to standard output."""
-    os.nice(_NICE)
+    begin_work()
     views, model = pickle.load(sys.stdin.buffer)
     found, problem = None, ''
     try:

@@ -17,14 +17,11 @@
 from __future__ import annotations
 
 import asyncio
-from asyncio.subprocess import DEVNULL, PIPE
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 import json
-import os
 from pathlib import Path
-import resource
 import sys
 from typing import Any
 
@@ -35,13 +32,11 @@ from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.robot.joints import joints_of, LiveJoint
+from opencv_tools.worker import begin_work, Worker, worker_command
 
 _SECONDS, _PROCESSOR_SECONDS = 60.0, 15
 _MEMORY = 1_500_000_000  # bytes of address space, including Python and its modules
 _MAX_BODY = 30_000_000
-_NICE = 5  # pictures are more urgent
-# The working directory, which -m and -c add to the path, may have any modules.
-_SCRIPT = 'import sys; sys.path[:] = {!r}; from {} import main; main(sys.argv[1])'
 
 
 @dataclass(frozen=True)
@@ -66,16 +61,9 @@ async def read_description(data: bytes, topic: str) -> LiveRobot:
     :param topic: name of the topic, for messages.
     :raises RequestError: the text is not a robot, or it needs too much time or memory.
     """
-    process = await asyncio.create_subprocess_exec(
-        sys.executable, '-c', _SCRIPT.format(sys.path, __name__), topic, stdin=PIPE, stdout=PIPE,
-        stderr=DEVNULL, start_new_session=True)
     output = b''
-    try:
-        with suppress(asyncio.TimeoutError):
-            output, _ = await asyncio.wait_for(process.communicate(data), _SECONDS)
-    finally:
-        with suppress(ProcessLookupError):
-            process.kill()
+    with suppress(asyncio.TimeoutError):
+        output = await Worker().run(worker_command(__name__, topic), data, _SECONDS)
     try:
         return await asyncio.to_thread(_parse, output)
     except ValueError as err:  # the process ended before or while it wrote
@@ -108,10 +96,7 @@ def answer(data: bytes, topic: str) -> bytes:
     return f'{json.dumps({"error": "", "meshes": meshes})}\n{body}'.encode()
 
 
-def main(topic: str) -> None:
+def main() -> None:
     """Read a description from standard input, and write the answer to standard output."""
-    os.nice(_NICE)
-    with suppress(OSError, ValueError):  # a lower limit stays as it is
-        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-        resource.setrlimit(resource.RLIMIT_CPU, (_PROCESSOR_SECONDS, _PROCESSOR_SECONDS))
-    sys.stdout.buffer.write(answer(sys.stdin.buffer.read(), topic))
+    begin_work(_MEMORY, _PROCESSOR_SECONDS)
+    sys.stdout.buffer.write(answer(sys.stdin.buffer.read(), sys.argv[1]))

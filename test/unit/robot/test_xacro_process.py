@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import sys
 
 from opencv_tools.robot.xacro import process as xacro_process
 from opencv_tools.robot.xacro.expand import expand
@@ -90,7 +91,8 @@ def test_separate_process_has_the_same_result(tmp_path: Path) -> None:
     ('pass', 'cannot be expanded: the process ended with exit status 0')])
 def test_process_without_a_reply(
         script: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(xacro_process, '_START', script)
+    monkeypatch.setattr(
+        xacro_process, 'worker_command', lambda _: [sys.executable, '-c', script])
     with pytest.raises(DescriptionError, match=f'^a[.]xacro: {message}'):
         expand_apart('a.xacro', f'{HEAD}</robot>'.encode(), {}, Report())
 

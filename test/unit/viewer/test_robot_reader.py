@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import json
 
 from live_robots import ROBOT
@@ -45,14 +46,15 @@ def test_robot_from_a_process() -> None:
 @pytest.mark.quick_cases(3)
 @pytest.mark.process
 @pytest.mark.parametrize('output', [
-    """bytes(2 * 10**9) and b'{{"error": "no limit of memory"}}'""",
-    """b'{{"error": "", "meshes": []}}'""",
-    r"""b'{{"error": "", "meshes": []}}\n{{"robots": [{{"links": ['""",
-    'sys.exit()', """b'{{"err'"""])
+    """bytes(2 * 10**9) and b'{"error": "no limit of memory"}'""",
+    """b'{"error": "", "meshes": []}'""",
+    r"""b'{"error": "", "meshes": []}\n{"robots": [{"links": ['""",
+    'sys.exit()', """b'{"err'"""])
 def test_process_without_a_whole_answer(output: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(reader, '_SCRIPT', (
-        'import sys; sys.path[:] = {!r}; import {} as reader; '
-        'reader.answer = lambda *_: OUTPUT; reader.main("/r")').replace('OUTPUT', output))
+    script = (f'import sys; sys.path[:] = {sys.path!r}; import {reader.__name__} as reader; '
+              f'reader.answer = lambda *_: {output}; reader.main()')
+    monkeypatch.setattr(
+        reader, 'worker_command', lambda _, *words: [sys.executable, '-c', script, *words])
     with pytest.raises(RequestError, match='the robot is too large: reading it needs more than'):
         asyncio.run(read_description(ROBOT.encode(), '/r'))
 
