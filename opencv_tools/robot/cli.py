@@ -104,6 +104,7 @@ def robot_frames(argv: Sequence[str] | None = None) -> int:
                         'NAME:=VALUE is accepted too; may be repeated')
     parser.add_argument('--format', default='text', choices=['text', 'json'],
                         help='format of the list [%(default)s]')
+    parser.add_argument('--plot', help=argparse.SUPPRESS)  # until 0.4.0
     parser.add_argument('--conventions', metavar='PICTURE', help='also draw the joints that URDF '
                         'places beside the links that SDF places, as .png or .svg')
     return _run(parser, argv)

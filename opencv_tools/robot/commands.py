@@ -35,7 +35,7 @@ from opencv_tools.robot.xml.output import (
 from opencv_tools.robot.xml.report import Report
 
 _INPUTS = ('input', 'a', 'b', 'file', 'file2')
-_OUTPUTS = ('output', 'report', 'conventions', 'html')  # options that name a file to write
+_OUTPUTS = ('output', 'report', 'plot', 'conventions', 'html')  # options that name a file to write
 
 
 def run(name: str, options: Namespace) -> int:
@@ -120,9 +120,12 @@ def _robot_frames(options: Namespace, report: Report) -> int:
     from opencv_tools.robot.frames.text import text
     robot = with_original_names(_read(options.file, options, report)[0])
     listing = frames(robot, dict(options.joint), report)
-    if options.conventions:
+    if options.plot:
+        print_message('robot_frames: warning: --plot is deprecated and draws the same as '
+                      '--conventions; robot_view shows the rest')
+    for picture in filter(None, (options.conventions, options.plot)):
         from opencv_tools.robot.drawing.conventions import plot_conventions
-        plot_conventions(robot, listing, options.conventions)
+        plot_conventions(robot, listing, picture)
     print_text(json.dumps(listing, indent=2) if options.format == 'json' else text(listing))
     return 0
 

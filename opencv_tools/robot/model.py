@@ -24,7 +24,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 import math
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, TYPE_CHECKING, TypeVar
+import warnings
 
 from lxml import etree
 from opencv_tools.robot.geometry import Geometry, Material
@@ -281,3 +282,12 @@ class Robot:
                 inertial=link.inertial and replace(
                     link.inertial, placement=change(link.inertial.placement)))
                 for link in changed(self.links)))
+
+
+if not TYPE_CHECKING:
+    def __getattr__(name: str) -> object:
+        """Return `RobotFrame` by its former name, until 0.4.0."""
+        if name == 'Frame':
+            warnings.warn(f'{__name__}.Frame is called RobotFrame', DeprecationWarning, stacklevel=2)
+            return RobotFrame
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -24,6 +24,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 
+from opencv_tools.robot import model
 from opencv_tools.robot.cli import (
     robot_compare, robot_frames, robot_view, sdf_to_urdf, urdf_to_sdf)
 import pytest
@@ -408,6 +409,23 @@ def test_frames_at_a_position(tmp_path: Path, capsys: Text) -> None:
     for wrong in ('up=nan', 'up', '=1', ':=1'):
         with pytest.raises(SystemExit):
             robot_frames([str(path), '--joint', wrong])
+
+
+def test_deprecated_name_of_a_frame() -> None:
+    with pytest.warns(DeprecationWarning, match='model.Frame is called RobotFrame'):
+        assert model.Frame is model.RobotFrame
+    with pytest.raises(AttributeError, match="no attribute 'Frames'"):
+        _ = model.Frames
+
+
+def test_deprecated_plot(tmp_path: Path, capsys: Text) -> None:
+    for option in ('--plot', '--conventions'):
+        assert robot_frames([str(MODEL), option, str(tmp_path / f'{option}.svg')]) == 0
+        said = capsys.readouterr().err
+        assert ('--plot is deprecated and draws the same as --conventions' in said) == (
+            option == '--plot')
+    one, other = (path.read_bytes() for path in sorted(tmp_path.iterdir()))
+    assert one == other
 
 
 def test_picture_beside_the_list(tmp_path: Path, capsys: Text) -> None:
