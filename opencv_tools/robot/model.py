@@ -288,6 +288,7 @@ if not TYPE_CHECKING:
     def __getattr__(name: str) -> object:
         """Return `RobotFrame` by its former name, until 0.4.0."""
         if name == 'Frame':
-            warnings.warn(f'{__name__}.Frame is called RobotFrame', DeprecationWarning, stacklevel=2)
+            warnings.warn(f'{__name__}.Frame is called RobotFrame', DeprecationWarning,
+                          stacklevel=2)
             return RobotFrame
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
