@@ -49,8 +49,8 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
 GROUPS ?= test-browser test-slow test-oldest test-kilted test-interop test-arm64 test-camera \
   test-network test-docs test-ray
 
-# The tests mostly wait for processes. Six workers keep two processors busy.
-WORKERS ?= 6
+# Many tests wait for processes. Four workers keep two processors busy; each one imports all tests.
+WORKERS ?= 4
 
 # $(1): environment of the command; $(2): number of workers. Empty if xdist is not installed.
 workers = $(if $(shell $(1) python3 -c 'print(__import__("xdist"))' 2> /dev/null),\

@@ -32,7 +32,8 @@ from waiting import LONGEST_SECONDS
 TESTS = [changed.TEST / 'nodes' / 'test_topic_views.py',
          changed.TEST / 'unit' / 'robot' / 'test_pose.py']
 #: The tests of these tests need none, and they are slow.
-NO_PLUGINS = {'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1'}
+# Options of colcon are those of plugins.
+NO_PLUGINS = {'PYTEST_DISABLE_PLUGIN_AUTOLOAD': '1', 'PYTEST_ADDOPTS': ''}
 OUTPUT = """\
 FAILED test/nodes/test_a.py::test_x[a - b] - assert 1 == 2
 FAILED test/nodes/test_a.py::test_y
