@@ -46,10 +46,11 @@ NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tok
            tokenize.ENDMARKER)
 #: A description has one of these, or it repeats the name.
 KNOWS = re.compile(
-    r"[0-9`'\"();,:<>=/*]|\b(all|as|at|before|by|after|bytes?|degrees?|each|else|empty|every|for|from|"
-    r'first|if|instead|kg|last|lines?|lower|may|metres?|ms|must|nanoseconds?|newest|no|None|not|Hz|'
-    r'oldest|only|or|order|ordered|other|parts?|per|pixels?|radians?|relative|absolute|same|seconds?|'
-    r'sorted|that|to|units?|unless|until|upper|when|where|whether|which|while|with|without)\b')
+    r"[0-9`'\"();,:<>=/*]|\b(absolute|all|as|at|before|by|after|bytes?|degrees?|each|else|empty|"
+    r'every|first|for|from|Hz|if|instead|kg|last|lines?|lower|may|metres?|ms|must|nanoseconds?|'
+    r'newest|no|None|not|oldest|only|or|order|ordered|other|parts?|per|pixels?|radians?|relative|'
+    r'same|seconds?|sorted|that|to|units?|unless|until|upper|when|where|whether|which|while|with|'
+    r'without)\b')
 _LICENCE_END = 'limitations under the License.\n'
 
 

@@ -126,7 +126,7 @@ def robot_of_sdf() -> Robot:
               axes=(Axis((0.0, 1.0, 0.0), Limit(-1.0, 1.0)),), is_loop=True),
     )
     frames = (RobotFrame(name='f', attached_to=FrameId('link', 'b'),
-                    placement=Placement(Pose((0.0, 9.0, 0.0)), FrameId('joint', 'j'))),
+                         placement=Placement(Pose((0.0, 9.0, 0.0)), FrameId('joint', 'j'))),
               RobotFrame(name='g', attached_to=MODEL, placement=Placement(Pose(), MODEL)))
     return Robot(name='r', links=links, joints=joints, frames=frames, canonical_link='b',
                  extension=extra('<model><static>1</static><odd/></model>'))

@@ -146,7 +146,7 @@ def frame_from_element(
     attached_to, pose = frame_of(element, 'attached_to', MODEL), element.find('pose')
     base = attached_to if pose is None else frame_of(pose, 'relative_to', attached_to)
     return RobotFrame(name=required_name(element), attached_to=attached_to,
-                 placement=Placement(pose_of(pose), base), line=line_of(element))
+                      placement=Placement(pose_of(pose), base), line=line_of(element))
 
 
 def frame_to_element(frame: RobotFrame, kinematics: Kinematics) -> Element:

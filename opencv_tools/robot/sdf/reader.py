@@ -228,16 +228,16 @@ def _read_frame(element: TrackedElement, context: SdfContext) -> RobotFrame:
     name = context.scope.qualified(required_name(element))
     attached_to = context.registry.attached_to(FrameId('frame', name))
     return RobotFrame(name=name, attached_to=attached_to,
-                 placement=context.placement(element, attached_to),
-                 extension=context.extension(element), line=line_of(element))
+                      placement=context.placement(element, attached_to),
+                      extension=context.extension(element), line=line_of(element))
 
 
 def _model_frame(context: SdfContext, parent: SdfContext) -> RobotFrame:
     scope = context.scope
     return RobotFrame(name=scope.frame.name,
-                 attached_to=FrameId('link', context.registry.link_of(scope.frame)),
-                 placement=parent.placement(scope.file.pose_holder, parent.scope.frame),
-                 line=line_of(scope.element))
+                      attached_to=FrameId('link', context.registry.link_of(scope.frame)),
+                      placement=parent.placement(scope.file.pose_holder, parent.scope.frame),
+                      line=line_of(scope.element))
 
 
 def _with_auto_inertials(robot: Robot, kinematics: Kinematics, folders: Sequence[Path],

@@ -279,7 +279,7 @@ def test_original_names_of_converted_robots() -> None:
 def test_frames_of_both_robots() -> None:
     def framed(robot: Robot, pose: Pose) -> Robot:
         return replace(robot, frames=(RobotFrame(name='tip', attached_to=FrameId('link', 'hand'),
-                                            placement=on('hand', pose)),))
+                                                 placement=on('hand', pose)),))
 
     assert diff(urdf(), framed(sdf(), Pose())) == []
     assert diff(framed(urdf(), Pose()), framed(sdf(), Pose())) == []

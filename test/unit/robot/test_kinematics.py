@@ -216,7 +216,7 @@ def test_frames_moving_with_their_attached_link() -> None:
     robot = chain([joint('one', 'base', 'a', pose=Pose((1.0, 0.0, 0.0)))])
     tip = Placement(Pose((2.0, 0.0, 0.0)), link_id('base'))
     frames = tuple(RobotFrame(name=name, attached_to=attached_to,
-                         placement=tip) for name, attached_to in (
+                              placement=tip) for name, attached_to in (
         ('on_frame', FrameId('frame', 'on_link')), ('on_link', link_id('a')),
         ('on_joint', joint_id('one')), ('on_model', MODEL)))
     robot = Robot(name='frames', links=robot.links, joints=robot.joints, frames=frames)
@@ -232,7 +232,7 @@ def test_attachment_cycle_and_missing_link_errors() -> None:
                             ('c', "frame 'c', which does not exist")):
         robot = Robot(name='circle', links=links, joints=(),
                       frames=tuple(RobotFrame(name=name, attached_to=FrameId('frame', other),
-                                         placement=Placement(Pose(), MODEL))
+                                              placement=Placement(Pose(), MODEL))
                                    for name, other in (('a', target), ('b', 'a'))))
         with pytest.raises(DescriptionError, match=message):
             Kinematics(robot).forward({})

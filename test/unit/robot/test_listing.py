@@ -170,7 +170,7 @@ def test_several_trees() -> None:
 
 def test_additional_frames() -> None:
     tip = RobotFrame(name='tip', attached_to=FrameId('link', 'wheel'),
-                placement=Placement(Pose((0.0, 0.0, 1.0)), FrameId('link', 'wheel')))
+                     placement=Placement(Pose((0.0, 0.0, 1.0)), FrameId('link', 'wheel')))
     listing = frames(replace(tutorial(), frames=(tip,)), {'turn': 0.5})
     assert listing['frames']['tip']['attached_to'] == 'wheel'
     assert listing['frames']['tip']['pose'][:3] == pytest.approx([0, 2, 0.2])

@@ -78,7 +78,7 @@ def test_errors_of_robots() -> None:
 
 def test_frames() -> None:
     frame = RobotFrame(name='tip', attached_to=FrameId('link', 'hand'),
-                  placement=Placement(TURNED, FrameId('link', 'hand')))
+                       placement=Placement(TURNED, FrameId('link', 'hand')))
     robot = urdf_robot(frames=(frame,), canonical_link='hand')
     report = Report()
     model = written(robot, report)
@@ -91,7 +91,7 @@ def test_frames() -> None:
 
 def test_frame_attached_to_an_unsupported_joint() -> None:
     frame = RobotFrame(name='tip', attached_to=FrameId('joint', 'hand_joint'),
-                  placement=Placement(Pose(), FrameId('joint', 'hand_joint')))
+                       placement=Placement(Pose(), FrameId('joint', 'hand_joint')))
     made = written(urdf_robot('floating', frames=(frame,))).find('frame')
     assert made is not None and made.get('attached_to') == 'hand'
     kept = frame_to_element(frame, Kinematics(urdf_robot('floating', frames=(frame,))))

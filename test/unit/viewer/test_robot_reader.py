@@ -17,8 +17,8 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import json
+import sys
 
 from live_robots import ROBOT
 from opencv_tools.viewer.errors import RequestError
