@@ -540,7 +540,8 @@ def test_frames_that_are_large_for_a_ring(tmp_path: Path, suffix: str, frames: i
     videos.close()
     kept = kept_numbers(folder)
     assert kept == [*range(kept[0], 30)]
-    assert frames // 2 <= len(kept) <= frames
+    # A frame of the reference has a part of the head of its file, so one more may have room.
+    assert frames // 2 <= len(kept) <= frames + 1
     assert (videos.counts.lost, videos.counts.skipped) == (0, 0)
 
 
