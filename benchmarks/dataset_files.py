@@ -22,10 +22,10 @@ import cv2
 import numpy as np
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
+from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import read_definition
-from opencv_tools.units import NANO
 
 CLIP = Path(__file__).resolve().parent.parent / 'test/data/big_buck_bunny_720p.mp4'
 #: Topic of each camera.

@@ -37,6 +37,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 import numpy as np
+from opencv_tools.base.units import NANO
 from opencv_tools.basic_image_publisher import ImagePublisher
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, main as run_frame_node
@@ -45,7 +46,6 @@ from opencv_tools.nodes.publisher import loop
 from opencv_tools.nodes.run_node import EXIT_USAGE, run
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.topics.message_reader import ImageReader
-from opencv_tools.units import NANO
 from std_msgs.msg import Header
 from transport_parts import Ages, Camera, Flip, FRAMES, listen, Load, RESULTS
 import transport_tutorial

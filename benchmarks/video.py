@@ -43,8 +43,8 @@ from figures import add_json_option, Figure, print_figures
 from node_process import enter_domain, NodeProcess
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.units import NANO
 from opencv_tools.frames import Frame, FrameNode, FrameSubscriber, main as run_node
-from opencv_tools.units import NANO
 from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.settings import VideoSettings

@@ -26,7 +26,7 @@ from threading import Thread
 
 import cv2
 import numpy as np
-from opencv_tools.signals import end_at_signals
+from opencv_tools.base.signals import end_at_signals
 
 ROOT = Path(__file__).resolve().parent.parent
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import sys
 from threading import Thread
 
+from opencv_tools.base.logs import Log
 from opencv_tools.capture.source import is_camera
-from opencv_tools.logs import Log
 from opencv_tools.nodes.declaration import declare_settings, watch_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.publisher.camera_controls import CameraControls

@@ -20,9 +20,10 @@ from collections.abc import Sequence
 import sys
 import time
 
+from opencv_tools.base.logs import log_if_slow
+from opencv_tools.base.progress import open_progress
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
-from opencv_tools.logs import log_if_slow
 from opencv_tools.nodes.bag_messages import BagMessages
 from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
@@ -31,7 +32,6 @@ from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
-from opencv_tools.progress import open_progress
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.topics.options import SubscriptionOptions

@@ -27,7 +27,7 @@ import os
 import signal
 from typing import Any
 
-from opencv_tools.signals import end_at_signals
+from opencv_tools.base.signals import end_at_signals
 
 
 def _load(module: str) -> Any:

@@ -24,6 +24,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.image.color import convert
 from opencv_tools.image.encodings import Encoding, generic_encoding
 from opencv_tools.image.errors import CodecError, JpegError
@@ -31,7 +32,6 @@ from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import (
     check_jpeg, jpeg_components, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
 from opencv_tools.image.picture_formats import CODEC_TYPES, why_not_stored
-from opencv_tools.image.text import printable
 
 # The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
 _OPTIONS = dict.fromkeys(('.tif', '.tiff'), (cv2.IMWRITE_TIFF_COMPRESSION, 5))

@@ -20,12 +20,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 import sys
 
-from opencv_tools.logs import Log, log_if_slow
+from opencv_tools.base.logs import Log, log_if_slow
+from opencv_tools.base.remedies import installation
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, run
 from opencv_tools.recording.errors import RecordingError
-from opencv_tools.remedies import installation
 from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls

@@ -21,14 +21,14 @@ from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.progress import open_progress, Progress
+from opencv_tools.base.signals import recorded_signals
 from opencv_tools.calibration.boards import Board
 from opencv_tools.calibration.source_images import Image
 from opencv_tools.calibration.view_search import FoundViews, PAIR_SECONDS, ViewSearch
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.node import FrameNode, main
-from opencv_tools.logs import Log
-from opencv_tools.progress import open_progress, Progress
-from opencv_tools.signals import recorded_signals
 
 _CLOSED = 1  # status; also that of the process if Fast DDS never ends, so that nothing is written
 _WAITING = 10  # frames of each camera that may wait for one of the other camera

@@ -43,7 +43,7 @@ import clean_environment  # noqa: F401 (it changes the environment)
 import cv2
 import hypothesis
 import numpy as np
-from opencv_tools.signals import END_SIGNALS
+from opencv_tools.base.signals import END_SIGNALS
 import own_namespaces
 from prepared import programs
 import pytest

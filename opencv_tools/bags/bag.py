@@ -23,8 +23,8 @@ from pathlib import Path
 
 from opencv_tools.bags.open_bag import bag_files, BagFiles, open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, Damage
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import natural_order
+from opencv_tools.base.regular_files import natural_order
+from opencv_tools.base.text import MAX_PATH, printable
 
 
 class Bag:

@@ -20,8 +20,8 @@ from typing import Any
 
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import MAX_BYTES
-from opencv_tools.image.text import printable
-from opencv_tools.remedies import installation
+from opencv_tools.base.remedies import installation
+from opencv_tools.base.text import printable
 
 _ZSTD = b'\x28\xb5\x2f\xfd'  # first bytes of a frame
 

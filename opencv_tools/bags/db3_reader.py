@@ -25,10 +25,9 @@ import sqlite3
 from urllib.parse import quote
 
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.reading import (
-    BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, Texts)
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import check_kind, open_regular
+from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, Texts
+from opencv_tools.base.regular_files import check_kind, open_regular
+from opencv_tools.base.text import MAX_PATH, printable
 
 _LOCK_SECONDS = 2.0
 _OTHER_FILES = '-journal', '-wal', '-shm'  # endings of the names of files that SQLite opens too

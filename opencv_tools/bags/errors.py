@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
+from opencv_tools.base.remedies import installation
 from opencv_tools.image.errors import ImageError
-from opencv_tools.remedies import installation
 
 
 class BagError(ImageError):

@@ -34,9 +34,9 @@ from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, definition, file_reader, HEADER_CODE,
     INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, message_head, MESSAGE_INDEX,
     MESSAGE_INDEX_CODE, Read, RECORD, Record, records, SCHEMA_CODE, summary_start)
+from opencv_tools.base.regular_files import is_same_file, open_regular, try_lock
+from opencv_tools.base.text import printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
-from opencv_tools.image.text import printable
-from opencv_tools.regular_files import is_same_file, open_regular, try_lock
 from opencv_tools.video.messages import VIDEO_TOPICS
 
 _BLOCK = 1 << 20

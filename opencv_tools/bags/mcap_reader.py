@@ -33,8 +33,8 @@ from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, definition, file_reader, flat_records, MAGIC, MESSAGE,
     MESSAGE_CODE, message_head, Read, Record, records, SCHEMA_CODE, summary_start)
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, Texts
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import open_regular
+from opencv_tools.base.regular_files import open_regular
+from opencv_tools.base.text import MAX_PATH, printable
 
 if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema

@@ -20,7 +20,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 import re
 
-from opencv_tools.units import NANO
+from opencv_tools.base.units import NANO
 
 #: The longest duration, which stands for no limit.
 INFINITE_NS = 2**63 - 1

@@ -27,9 +27,9 @@ from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
 from opencv_tools.bags.reading import BagReader
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import open_regular
-from opencv_tools.remedies import installation
+from opencv_tools.base.regular_files import open_regular
+from opencv_tools.base.remedies import installation
+from opencv_tools.base.text import MAX_PATH, printable
 
 _KEY = 'relative_file_paths'
 _KEY_DEPTH = 2  # mappings around the key

@@ -23,8 +23,8 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.regular_files import read_regular, replace_file
 from opencv_tools.calibration.boards import APRILGRID, Board, CHARUCO, CHESSBOARD
-from opencv_tools.regular_files import read_regular, replace_file
 
 _EDGE = 12.0  # white around the board in mm
 _FOOT = 26.0  # below the board in mm, with the ruler and the text

@@ -23,7 +23,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.remedies import installation
+from opencv_tools.base.remedies import installation
 
 CHARUCO, CHESSBOARD, APRILGRID = 'charuco', 'chessboard', 'aprilgrid'
 

@@ -25,7 +25,7 @@ import re
 import reprlib
 from typing import Any, TypeVar
 
-from opencv_tools.regular_files import read_regular, RefusedFileError, replace_file
+from opencv_tools.base.regular_files import read_regular, RefusedFileError, replace_file
 import yaml
 
 _T = TypeVar('_T')

@@ -23,6 +23,8 @@ from pathlib import Path
 import sys
 
 import numpy as np
+from opencv_tools.base.logs import ConsoleWriter, Log
+from opencv_tools.base.regular_files import user_path
 from opencv_tools.calibration.board_pictures import print_board
 from opencv_tools.calibration.boards import Board, CalibrationError, CHARUCO, parse_board
 from opencv_tools.calibration.camera_file import (
@@ -34,8 +36,6 @@ from opencv_tools.calibration.stereo import solve_stereo
 from opencv_tools.calibration.verdict import BAD, judge
 from opencv_tools.calibration.view_search import FoundViews, search_sources
 from opencv_tools.capture.errors import CaptureError, TopicError
-from opencv_tools.logs import ConsoleWriter, Log
-from opencv_tools.regular_files import user_path
 
 _SHOWN_REASONS = 4
 

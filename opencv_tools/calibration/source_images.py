@@ -22,14 +22,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from numpy.typing import NDArray
+from opencv_tools.base.text import without_password
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.errors import BrokenFrameError
 from opencv_tools.capture.frame import FileSource
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import is_camera, is_pattern, names_bag, open_source
 from opencv_tools.image.errors import ImageError
-from opencv_tools.image.text import without_password
-from opencv_tools.units import NANO
 
 _RATE = 10.0  # frames of a video that are searched in a second
 _LARGEST = 1 << 27  # pixels

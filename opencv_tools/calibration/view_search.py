@@ -21,12 +21,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.progress import open_progress
 from opencv_tools.calibration.boards import Board
 from opencv_tools.calibration.detection import BoardFinder, Detection
 from opencv_tools.calibration.source_images import check_pairs, Image, open_files, read_images
 from opencv_tools.calibration.views import ViewSelection
-from opencv_tools.logs import Log
-from opencv_tools.progress import open_progress
 
 #: Largest difference of the times of two images of a pair.
 PAIR_SECONDS = 0.01

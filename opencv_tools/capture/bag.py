@@ -29,6 +29,8 @@ from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.base.text import enumerated, MAX_PATH, printable
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_video import BagVideo
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, TopicError
 from opencv_tools.capture.frame import CapturedFrame, JPEG, MAX_RATE, Recorded
@@ -36,8 +38,6 @@ from opencv_tools.image.cdr import cdr_to_image, IMAGE, WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
-from opencv_tools.image.text import enumerated, MAX_PATH, printable
-from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 
 _REMEDY = 'set bag_topic, or --topic of the command, to one of'

@@ -21,14 +21,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from opencv_tools.base.regular_files import read_regular
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.image.encodings import opencv_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
-from opencv_tools.image.text import MAX_PATH, printable
 from opencv_tools.image_codecs import decode_image
-from opencv_tools.regular_files import read_regular
 
 IMAGE_SUFFIXES = frozenset((
     '.png', '.jpg', '.jpeg', '.jpe', '.jp2', '.bmp', '.dib', '.tif', '.tiff', '.webp', '.pbm',

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
@@ -32,7 +33,6 @@ from opencv_tools.image.image_size import image_size
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
 from opencv_tools.image.picture_formats import why_not_stored
-from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import (
     check_complete, convert_image, decode_image, encode_image, turn_image)
 from opencv_tools.video.packet import VideoPacket

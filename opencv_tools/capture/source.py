@@ -26,6 +26,8 @@ import stat
 
 import cv2
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
+from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.av_stream import open_stream, STREAM_SCHEMES
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
@@ -37,8 +39,6 @@ from opencv_tools.capture.stream import OpenCvStream, StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import check_url, frame_count, open_video, VideoSource
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import describe_kind, natural_order, user_path
 
 # Similarity to the word ``pattern`` from which a name counts as a typing error, 0.0 to 1.0.
 _CLOSE = 0.8

@@ -23,10 +23,10 @@ import time
 from typing import Literal, Protocol
 
 import cv2
+from opencv_tools.base.text import without_password
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.video import describe_video, video_rate
-from opencv_tools.image.text import without_password
 
 # Packets of video that wait to be read, and their bytes. The others are missed.
 _MAX_WAITING = 120

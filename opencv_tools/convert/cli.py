@@ -24,11 +24,11 @@ import argparse
 from collections.abc import Sequence
 import sys
 
+from opencv_tools.base.signals import end_at_signals
+from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
+from opencv_tools.base.text import without_password
+from opencv_tools.base.version import CommandParser
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
-from opencv_tools.image.text import without_password
-from opencv_tools.signals import end_at_signals
-from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.version import CommandParser
 
 _INTERRUPTED = 1
 _USAGE_ERROR = 2

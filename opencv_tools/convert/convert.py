@@ -27,6 +27,12 @@ from typing import Any
 
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
 from opencv_tools.bags.writing import BAG_SUFFIX, BagChannel
+from opencv_tools.base.logs import ConsoleWriter, Log, log_if_slow
+from opencv_tools.base.progress import open_progress
+from opencv_tools.base.regular_files import user_path
+from opencv_tools.base.signals import recorded_signals
+from opencv_tools.base.text import printable, without_password
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import (
     BrokenFrameError, CaptureError, TopicError, UnavailableError)
@@ -40,9 +46,6 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.image.text import printable, without_password
-from opencv_tools.logs import ConsoleWriter, Log, log_if_slow
-from opencv_tools.progress import open_progress
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError
@@ -56,9 +59,6 @@ from opencv_tools.recording.packet_frame import packet_frame
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS
-from opencv_tools.regular_files import user_path
-from opencv_tools.signals import recorded_signals
-from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 
 # Names of the publisher, for sources that have none.

@@ -25,6 +25,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
 from opencv_tools.datasets.merge import FINGERPRINTS
@@ -33,8 +35,6 @@ from opencv_tools.datasets.pictures import fingerprint
 from opencv_tools.datasets.plan import IMAGES
 from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
 from opencv_tools.datasets.videos import frame_luma, video_frames
-from opencv_tools.image.text import enumerated, MAX_PATH, printable
-from opencv_tools.logs import Log
 
 _MOST_PROBLEMS = 20
 

@@ -25,11 +25,11 @@ from collections.abc import Sequence
 import math
 import sys
 
+from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
+from opencv_tools.base.text import without_password
+from opencv_tools.base.version import CommandParser
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import FORMATS, LEROBOT
-from opencv_tools.image.text import without_password
-from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.version import CommandParser
 
 _INTERRUPTED = 1
 _USAGE_ERROR = 2

@@ -21,6 +21,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from opencv_tools.base.logs import ConsoleWriter, Log
+from opencv_tools.base.regular_files import user_path
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.check import check_set
 from opencv_tools.datasets.conversion import Conversion
 from opencv_tools.datasets.episodes import read_intervals
@@ -29,9 +32,6 @@ from opencv_tools.datasets.plan import (
     ACTION, Interval, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan, RESERVED,
     STATE, unique)
 from opencv_tools.datasets.set_writing import merge_shards
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.logs import ConsoleWriter, Log
-from opencv_tools.regular_files import user_path
 
 
 def plan_of(options: Namespace) -> Plan:

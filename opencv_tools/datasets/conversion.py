@@ -22,6 +22,8 @@ from dataclasses import asdict
 import os
 from pathlib import Path
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.episodes import check_bags, episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, remove_part, working_parts
@@ -34,8 +36,6 @@ from opencv_tools.datasets.rows import match
 from opencv_tools.datasets.set_writing import topic_lines, write_set
 from opencv_tools.datasets.shards import write_shard
 from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.logs import Log
 
 
 def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:

@@ -24,14 +24,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from opencv_tools.base.regular_files import read_regular
+from opencv_tools.base.text import enumerated, printable
+from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Interval, Plan
 from opencv_tools.datasets.rows import (
     choose, grid, needed_delay, pieces, Rows, Times, TOLERANCE_NS)
 from opencv_tools.datasets.tracks import Recording
-from opencv_tools.image.text import enumerated, printable
-from opencv_tools.regular_files import read_regular
-from opencv_tools.units import NANO
 
 _MAX_TABLE = 1 << 24  # bytes
 _MOST = 100_000  # episodes of a bag

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.base.text import MAX_PATH, printable
 
 
 class DatasetError(ValueError):

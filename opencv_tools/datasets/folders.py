@@ -24,9 +24,9 @@ from pathlib import Path
 import re
 import shutil
 
+from opencv_tools.base.regular_files import is_same_file, natural_order, open_regular, try_lock
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import is_same_file, natural_order, open_regular, try_lock
 
 _LOCK, _OLD, _NEW = '.lock', '.replaced', '.new'
 _UNSAFE = re.compile('[^A-Za-z0-9_.-]+')

@@ -29,13 +29,13 @@ import signal
 from threading import Thread
 
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
+from opencv_tools.base.regular_files import user_path
+from opencv_tools.base.signals import ignore_signals
+from opencv_tools.base.text import printable, without_password
 from opencv_tools.datasets.bag_conversion import convert_bag
 from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.folders import natural_key, part_folder
 from opencv_tools.datasets.plan import Plan
-from opencv_tools.image.text import printable, without_password
-from opencv_tools.regular_files import user_path
-from opencv_tools.signals import ignore_signals
 
 _MOST_BAGS = 1_000_000
 

@@ -25,11 +25,11 @@ import json
 from typing import Any
 
 import numpy as np
+from opencv_tools.base.remedies import installation
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import ACTION, IMAGES, Plan, STAMPS
 from opencv_tools.datasets.statistics import Statistics
 from opencv_tools.datasets.videos import CODEC, KEY_INTERVAL, PIXELS, PRESET
-from opencv_tools.remedies import installation
 
 VERSION = 'v3.0'
 INFO, STATS, TASKS = 'meta/info.json', 'meta/stats.json', 'meta/tasks.parquet'

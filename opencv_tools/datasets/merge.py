@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from opencv_tools.base.text import printable
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import (
     CHUNK_FILES, DATA_MEGABYTES, DATA_PATH, EPISODES_PATH, Features, flat_statistics,
@@ -33,7 +34,6 @@ from opencv_tools.datasets.plan import IMAGES, LEROBOT
 from opencv_tools.datasets.sample_files import BAGS, gather_samples
 from opencv_tools.datasets.statistics import joined, numbers_statistics, Statistics
 from opencv_tools.datasets.videos import join_videos, stream_settings
-from opencv_tools.image.text import printable
 
 #: What this package adds to a set: the bags and their reports, and small pictures for --check.
 SOURCES, FINGERPRINTS = 'meta/opencv_tools/bags.json', 'meta/opencv_tools/fingerprints.parquet'

@@ -24,11 +24,11 @@ import socket
 import threading
 from typing import Any
 
+from opencv_tools.base.remedies import installation
+from opencv_tools.base.text import printable
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_job, Job
 from opencv_tools.datasets.plan import Plan
-from opencv_tools.image.text import printable
-from opencv_tools.remedies import installation
 
 #: Address of a cluster on this machine, which ends with the command.
 LOCAL = 'local'

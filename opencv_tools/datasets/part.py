@@ -20,10 +20,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.base.regular_files import read_regular
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.datasets.plan import FORMATS, Plan
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import read_regular
 
 PART, ROWS = 'part.json', 'rows.parquet'
 FINGERPRINT = 'fingerprint.'

@@ -23,14 +23,14 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_pictures import bag_pictures
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
-from opencv_tools.image.text import printable
-from opencv_tools.units import NANO
 
 
 def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence[Rows],

@@ -22,8 +22,8 @@ import json
 import re
 from typing import Any
 
+from opencv_tools.base.text import printable
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.image.text import printable
 
 STATE, ACTION = 'observation.state', 'action'
 IMAGES = 'observation.images.'

@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import ACTION, Plan, STATE
 from opencv_tools.datasets.rows import interpolate, Rows
 from opencv_tools.datasets.tracks import Recording
-from opencv_tools.units import NANO
 
 
 def shortened(plan: Plan, episodes: Sequence[Rows]) -> list[Rows]:

@@ -25,8 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.units import NANO
 
 Times = NDArray[np.int64]
 

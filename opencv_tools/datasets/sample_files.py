@@ -30,13 +30,13 @@ import tarfile
 from typing import Any
 
 import numpy as np
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
 from opencv_tools.datasets.pictures import row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
 from opencv_tools.datasets.row_values import row_vectors, shortened, shown_rows
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
-from opencv_tools.image.text import MAX_PATH, printable
 
 #: Name of the file in a part, by format.
 SAMPLES = {'webdataset': 'samples.tar', 'parquet': 'samples.parquet'}

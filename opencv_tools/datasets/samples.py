@@ -26,13 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage
+from opencv_tools.base.text import enumerated, printable
+from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource
 from opencv_tools.image.errors import CdrError, ImageError
-from opencv_tools.image.text import enumerated, printable
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import Array, DefinitionError, read_definition
-from opencv_tools.units import NANO
 
 # Fields with the names of the numbers in the arrays beside them, as in JointState.
 _NAME_FIELDS = ('name', 'names', 'joint_names')

@@ -24,10 +24,10 @@ from pathlib import Path
 import re
 from typing import Any, TypeGuard
 
+from opencv_tools.base.regular_files import open_regular, read_regular
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.datasets.lerobot import DEFAULT_TYPES, import_pyarrow, INFO
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.regular_files import open_regular, read_regular
 
 #: Largest difference of times in seconds, as in LeRobot.
 MAX_TIME_ERROR = 1e-4

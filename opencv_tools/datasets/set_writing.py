@@ -20,13 +20,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
 from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
 from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.shards import find_parts
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.logs import Log
 
 
 def topic_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:

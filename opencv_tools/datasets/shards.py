@@ -21,11 +21,11 @@ import json
 from pathlib import Path
 import re
 
+from opencv_tools.base.regular_files import read_regular, replace_file
+from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.datasets.folders import natural_key, part_folder
 from opencv_tools.datasets.part import PART, read_part
-from opencv_tools.image.text import enumerated, MAX_PATH, printable
-from opencv_tools.regular_files import read_regular, replace_file
 
 _NAME = re.compile(r'shard_(\d{1,7})_of_(\d{1,7})\.json')
 _MAX_BYTES = 1 << 28

@@ -26,12 +26,12 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.bags.bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
+from opencv_tools.base.text import enumerated, printable
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_video import can_begin
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource, Plan
 from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
-from opencv_tools.image.text import enumerated, printable
-from opencv_tools.units import NANO
 
 # Differences of the clocks of two topics, relative to the recording.
 _WARNING_NS, _ERROR_NS = NANO // 10, NANO // 2

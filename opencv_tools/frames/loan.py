@@ -25,11 +25,11 @@ import weakref
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.logs import Log
 from opencv_tools.frames.frame import Frame
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_image
-from opencv_tools.logs import Log
 from opencv_tools.transport.shared_frames.writer import Slot
 from std_msgs.msg import Header
 

@@ -20,21 +20,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.logs import Log
+from opencv_tools.base.units import NANO
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.loan import LoanedFrame
-from opencv_tools.image.cdr import (
-    compressed_image_to_cdr, WireCompressedImage, WireHeader)
+from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.errors import VideoError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image.picture_formats import why_not_stored
 from opencv_tools.image_codecs import convert_image, encode_image
-from opencv_tools.logs import Log
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.transport.shared_frames.writer import Slot
-from opencv_tools.units import NANO
 from opencv_tools.video.settings import check_encoder, VideoSettings
 from rclpy.node import Node
 from std_msgs.msg import Header

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.rate_limit import MAX_RATE, RateLimit
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.image.errors import EncodingError, ImageError
-from opencv_tools.logs import Log
-from opencv_tools.rate_limit import MAX_RATE, RateLimit
 from opencv_tools.rectification import Rectifier
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.options import SubscriptionOptions

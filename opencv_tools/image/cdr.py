@@ -31,9 +31,9 @@ from dataclasses import dataclass
 import struct
 from typing import Any
 
+from opencv_tools.base.text import printable
+from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import CdrError, EncapsulationError
-from opencv_tools.image.text import printable
-from opencv_tools.units import NANO
 
 #: Names of the message types.
 IMAGE = 'sensor_msgs/msg/Image'

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import EncodingError
-from opencv_tools.image.text import printable
 
 _GENERIC = re.compile(r'(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]{1,3}))?')
 _GENERIC_DESIRED = re.compile(r'(?:8|16|32|64)[USF]C([0-9]{0,9})')

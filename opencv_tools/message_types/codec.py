@@ -25,8 +25,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.text import printable
 from opencv_tools.message_types.definition import (
     Array, Field, PLACEHOLDER, PRIMITIVES, TypeDefinition)
 

@@ -27,7 +27,7 @@ import re
 from threading import Lock
 from typing import Any, NamedTuple
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 
 
 class Primitive(NamedTuple):

@@ -23,8 +23,8 @@ from typing import Any
 from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
 from opencv_tools.bags.writing import BagChannel
+from opencv_tools.base.logs import Log, Throttle
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
-from opencv_tools.logs import Log, Throttle
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.frames import ArrivalClock
 from opencv_tools.recording.message_frame import MessageFrame

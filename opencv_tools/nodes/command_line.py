@@ -20,9 +20,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.image.text import printable, without_password
+from opencv_tools.base.regular_files import read_regular
+from opencv_tools.base.text import printable, without_password
 from opencv_tools.nodes.parameters import Parameter
-from opencv_tools.regular_files import read_regular
 from opencv_tools.topics.errors import ParameterError
 import yaml
 

@@ -21,8 +21,8 @@ from contextlib import suppress
 import difflib
 from typing import Any, TypeVar
 
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import printable
 from opencv_tools.nodes.parameters import Parameter, parameter_table
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import SetParametersResult

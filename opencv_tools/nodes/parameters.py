@@ -23,7 +23,7 @@ import math
 from textwrap import TextWrapper
 from typing import Any
 
-from opencv_tools.image.text import HIDDEN, hide_passwords, without_password
+from opencv_tools.base.text import HIDDEN, hide_passwords, without_password
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 

@@ -31,10 +31,10 @@ import time
 from types import FrameType
 from typing import Any
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.signals import handle_signals, ignore_signals
+from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.signals import handle_signals, ignore_signals
-from opencv_tools.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.fastdds.profile import configured_fastdds, FastDdsSetup

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.nodes.command_line import given_parameters
 from opencv_tools.nodes.parameters import parameter, parameter_table
 from opencv_tools.topics.errors import ParameterError

@@ -25,6 +25,7 @@ import time
 from typing import Any
 
 from opencv_tools.bags.writing import BagChannel
+from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import (
     COMPRESSED_IMAGE, IMAGE, message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage,
     WireMessage)
@@ -32,8 +33,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError, SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_file import (
-    BagFile, MessageBatch, RecordedImage, RecordedMessage)
+from opencv_tools.recording.bag_file import BagFile, MessageBatch, RecordedImage, RecordedMessage
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
 from opencv_tools.recording.file_sink import FileSink
@@ -45,7 +45,6 @@ from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.selection import Limits
-from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 from opencv_tools.video.parameter_sets import is_key_frame, picture_size
 

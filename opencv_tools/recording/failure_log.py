@@ -21,8 +21,8 @@ import re
 from threading import Lock
 import time
 
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log, Throttle
+from opencv_tools.base.logs import Log, Throttle
+from opencv_tools.base.text import printable
 
 _MAX_REASON = 400  # characters
 _BURST = 10  # lines without a delay; then there is one per second

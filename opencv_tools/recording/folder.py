@@ -29,10 +29,10 @@ from threading import Lock
 from types import MappingProxyType
 from typing import Any
 
+from opencv_tools.base.regular_files import (
+    is_same_file, open_regular, RefusedFileError, try_lock, write_new)
 from opencv_tools.recording.manifest import Manifest, ManifestEntry, parse_line
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.regular_files import (
-    is_same_file, open_regular, RefusedFileError, try_lock, write_new)
 
 # Each recording has a journal. The names of its temporary files begin with the same prefix.
 _PREFIX, _JOURNAL, _TEMPORARY = '.recording-', '.journal', '.part'

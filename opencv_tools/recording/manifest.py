@@ -27,9 +27,9 @@ import os
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from opencv_tools.base.regular_files import is_same_file, open_regular, RefusedFileError
+from opencv_tools.base.units import NANO
 from opencv_tools.recording.frames import ReceivedFrame
-from opencv_tools.regular_files import is_same_file, open_regular, RefusedFileError
-from opencv_tools.units import NANO
 
 FILE_NAME = 'manifest.jsonl'
 

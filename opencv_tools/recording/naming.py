@@ -23,7 +23,7 @@ import re
 from string import Formatter
 from typing import Any
 
-from opencv_tools.units import NANO
+from opencv_tools.base.units import NANO
 
 _COPY = re.compile(r'_[0-9]+(\.[^.]*)$')
 _MAX_TEXT = 64  # characters of a text in a file name, which may have 255 bytes

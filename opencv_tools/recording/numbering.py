@@ -22,7 +22,7 @@ import itertools
 import os
 from typing import TypeVar
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.recording.errors import RecordingError
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.naming import FileNames, FrameMetadata, numbered_copy

@@ -27,7 +27,7 @@ from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.finishing import finish_and_count, finish_bag, has_footer
 from opencv_tools.bags.open_bag import BAG_SUFFIXES
 from opencv_tools.bags.writing import BAG_SUFFIX
-from opencv_tools.image.text import MAX_PATH, printable
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.recording.bag_sink import BagSink
 from opencv_tools.recording.errors import RecordingError, VideoError
 from opencv_tools.recording.file_sink import FileSink

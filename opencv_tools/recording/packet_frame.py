@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import KeyFrameNeeded
 from opencv_tools.recording.frames import RawFrame, ReceivedFrame
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import is_key_frame, picture_size

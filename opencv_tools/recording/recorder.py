@@ -24,8 +24,8 @@ from pathlib import Path
 from threading import Condition, Lock, Thread
 from typing import Generic, Protocol, TypeVar
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
-from opencv_tools.logs import Log
 from opencv_tools.recording.errors import error_text, LimitReached, Unwritten
 from opencv_tools.recording.failure_log import FailureLog
 from opencv_tools.recording.frames import ReceivedFrame

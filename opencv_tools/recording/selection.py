@@ -22,11 +22,11 @@ import math
 import time
 from typing import TypeVar
 
-from opencv_tools.rate_limit import RateLimit
+from opencv_tools.base.rate_limit import RateLimit
+from opencv_tools.base.units import NANO
 from opencv_tools.recording.errors import LimitReached, UnwritableError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
-from opencv_tools.units import NANO
 
 # Arrival time of files whose age is unknown.
 _UNKNOWN_AGE_NS = -math.inf

@@ -26,9 +26,9 @@ import math
 import sys
 from typing import NoReturn
 
-from opencv_tools.signals import end_at_signals
-from opencv_tools.standard_streams import open_standard_streams
-from opencv_tools.version import CommandParser
+from opencv_tools.base.signals import end_at_signals
+from opencv_tools.base.standard_streams import open_standard_streams
+from opencv_tools.base.version import CommandParser
 
 _LOSSY = 'lossy conversion with --strict'
 _MAX_DIFFERENCES = 50

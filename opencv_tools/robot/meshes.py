@@ -23,7 +23,7 @@ from pathlib import Path
 import re
 from typing import TYPE_CHECKING
 
-from opencv_tools.regular_files import read_regular
+from opencv_tools.base.regular_files import read_regular
 from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.solids import NoSolidError, Solid
 

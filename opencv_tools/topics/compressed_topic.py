@@ -20,8 +20,8 @@ from collections.abc import Callable
 from threading import Lock
 from typing import Any
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import ImageError
-from opencv_tools.logs import Log
 from opencv_tools.topics.qos import create_frame_publisher
 from rclpy.duration import Duration
 from rclpy.node import Node

@@ -20,9 +20,9 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, TYPE_CHECKING
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
-from opencv_tools.logs import Log
 from opencv_tools.topics.compressed_topic import CompressedTopic
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.topics.topic_discovery import resolve_topic

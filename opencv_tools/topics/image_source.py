@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import time
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
-from opencv_tools.logs import Log
 from opencv_tools.topics.message_reader import ImageReader
 from opencv_tools.topics.order import Position
 from opencv_tools.topics.qos import describe_qos, following_qos, qos_mismatch

@@ -21,8 +21,8 @@ from enum import auto, Enum
 import time
 from typing import NamedTuple
 
+from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import CdrError
-from opencv_tools.units import NANO
 
 # Counts of later frames that are remembered. A publisher announces one at a change of the way.
 _MAX_LATER = 64

@@ -22,11 +22,11 @@ from dataclasses import dataclass
 from threading import Condition, RLock
 from typing import Any
 
+from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.topics.order import FrameOrder, Position, Way
-from opencv_tools.units import NANO
 from opencv_tools.video.messages import WireVideo
 from sensor_msgs.msg import CameraInfo
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Way

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import IMAGE
-from opencv_tools.logs import Log
 from opencv_tools.topics.image_source import ImageSource
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions

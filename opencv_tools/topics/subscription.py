@@ -21,8 +21,8 @@ from threading import current_thread, Lock, Thread
 import time
 from typing import NamedTuple
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
-from opencv_tools.logs import Log
 from opencv_tools.topics.consumer import Consumer
 from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.message_reader import MessageReader, WakeUps

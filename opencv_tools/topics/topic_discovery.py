@@ -20,8 +20,8 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass
 import re
 
+from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
-from opencv_tools.image.text import enumerated, printable
 from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch

@@ -20,7 +20,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 import re
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 
 _PATTERN = re.compile(r'[/*][A-Za-z0-9_/*]*')
 

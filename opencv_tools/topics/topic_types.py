@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 import time
 from typing import Any
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.message_types.definition import (
     DefinitionError, full_name, read_definition, TypeDefinition)
 from opencv_tools.message_types.description import type_hash

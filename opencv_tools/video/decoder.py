@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import KeyFrameNeeded, SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS, MAX_VIDEO_PIXELS
-from opencv_tools.image.text import printable
 from opencv_tools.video.bit_stream import obus
 from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.parameter_sets import (

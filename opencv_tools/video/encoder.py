@@ -20,15 +20,14 @@ from fractions import Fraction
 from typing import Any
 
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
+from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import VideoError
-from opencv_tools.image.text import printable
-from opencv_tools.units import NANO
 from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.video.pixels import to_i420
-from opencv_tools.video.settings import (
-    encoder_options, find_encoder, import_av, VideoSettings)
+from opencv_tools.video.settings import encoder_options, find_encoder, import_av, VideoSettings
 
 _MAX_SIDE = 16384
 _MAX_RATE = 1000.0

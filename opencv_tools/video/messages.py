@@ -24,9 +24,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from opencv_tools.base.text import printable
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.text import printable
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import Array, Definition, Field, TypeDefinition
 from opencv_tools.video.packet import VideoPacket

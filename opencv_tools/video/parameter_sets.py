@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 import struct
 
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import VideoError
-from opencv_tools.image.text import printable
 from opencv_tools.video.bit_stream import BitReader, nal_units, obu, obus, START_CODE, unescaped
 from opencv_tools.video.packet import CODECS
 

@@ -22,9 +22,9 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.errors import VideoError
-from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import convert_image
 
 # Conversions of OpenCV, all with BT.601 in limited range.

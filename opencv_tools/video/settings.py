@@ -22,9 +22,9 @@ import os
 import re
 from typing import Any
 
+from opencv_tools.base.remedies import installation
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import VideoError
-from opencv_tools.image.text import printable
-from opencv_tools.remedies import installation
 from opencv_tools.video.packet import CODECS, ENCODED
 
 # PyAV is imported in functions, because it is optional and its import is slow.

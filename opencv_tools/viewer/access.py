@@ -25,7 +25,7 @@ import secrets
 import socket
 from urllib.parse import urlsplit
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 
 #: Value of the parameter ``token`` that creates a token if one is necessary.

@@ -21,7 +21,7 @@ import re
 import time
 from typing import Any
 
-from opencv_tools.image.text import enumerated, MAX_PATH, printable
+from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.viewer.errors import MAX_MESSAGE, NoAnswerError, RequestError
 from opencv_tools.viewer.protocol import finite

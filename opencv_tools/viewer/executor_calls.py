@@ -20,8 +20,8 @@ from collections.abc import Callable, Coroutine
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import printable
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from rclpy.node import Node
 

@@ -22,21 +22,21 @@ from fnmatch import fnmatchcase
 import itertools
 from typing import Any
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
-from opencv_tools.image.text import enumerated, printable
-from opencv_tools.logs import Log
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
 from opencv_tools.video.messages import VIDEO_TOPICS
 from opencv_tools.viewer.control import CameraControl
-from opencv_tools.viewer.feed import Feed, FeedKey
 from opencv_tools.viewer.overlays.boxes import DETECTIONS
 from opencv_tools.viewer.overlays.topics import OverlayTopics
-from opencv_tools.viewer.packets import PACKETS
 from opencv_tools.viewer.protocol import base_name, MAX_TOPICS, VIDEOS
 from opencv_tools.viewer.recording.images import Topic
 from opencv_tools.viewer.robot.topics import RobotState, RobotTopics
+from opencv_tools.viewer.streams.feed import Feed, FeedKey
+from opencv_tools.viewer.streams.packets import PACKETS
 from rclpy.node import Node
 
 # Names of topics whose numbers are remembered.

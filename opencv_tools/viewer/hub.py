@@ -24,20 +24,20 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol, TypeVar
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.viewer.control import CameraControl
-from opencv_tools.viewer.encoded_video import video_source
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.feed import Feed, FeedKey
 from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE, open_again, ViewTopic
-from opencv_tools.viewer.history import History
-from opencv_tools.viewer.packets import PacketFeed, PACKETS
+from opencv_tools.viewer.inspect.history import History
+from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewRequest
-from opencv_tools.viewer.steps import Steps
-from opencv_tools.viewer.stream import Stream, UNUSED_SECONDS
-from opencv_tools.viewer.video_source import PacketSource
+from opencv_tools.viewer.streams.encoded_video import video_source
+from opencv_tools.viewer.streams.feed import Feed, FeedKey
+from opencv_tools.viewer.streams.packets import PacketFeed, PACKETS
+from opencv_tools.viewer.streams.stream import Stream, UNUSED_SECONDS
+from opencv_tools.viewer.streams.video_source import PacketSource
 
 _T = TypeVar('_T')
 _POLL_SECONDS = 1.0

@@ -28,8 +28,8 @@ import stat
 from threading import Event, Thread
 from typing import Any, cast
 
-from opencv_tools.image.text import without_password
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import without_password
 from opencv_tools.viewer.access import Access, AUTOMATIC, check_token, create_token
 from opencv_tools.viewer.calibrate.routes import calibration_routes
 from opencv_tools.viewer.calibrate.sessions import Calibrations
@@ -38,18 +38,18 @@ from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.hub import Hub
+from opencv_tools.viewer.inspect.picture_files import PictureFiles
 from opencv_tools.viewer.overlays.page_overlays import PageOverlays
 from opencv_tools.viewer.overlays.sources import OverlaySources
-from opencv_tools.viewer.page_files import read_page
-from opencv_tools.viewer.page_socket import PageSocket
 from opencv_tools.viewer.parameters import ViewerSettings
-from opencv_tools.viewer.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import MAX_MESSAGE_BYTES
 from opencv_tools.viewer.robot.live import LiveRobots
 from opencv_tools.viewer.robot.routes import robot_routes, with_robot_page
-from opencv_tools.viewer.web import (
+from opencv_tools.viewer.web.page_files import read_page
+from opencv_tools.viewer.web.page_socket import PageSocket
+from opencv_tools.viewer.web.web import (
     FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
-from opencv_tools.viewer.web_video_server import (
+from opencv_tools.viewer.web.web_video_server import (
     SnapshotHandler, StreamHandler, StreamViewerHandler)
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream

@@ -48,7 +48,7 @@ BASELINE = 0.06
 #: Python of img_calibrate with a line of the progress for each image that was searched.
 EVERY_IMAGE = """
 import sys
-from opencv_tools import progress
+from opencv_tools.base import progress
 from opencv_tools.commands import img_calibrate
 progress._SECONDS_BETWEEN_LINES = 0.0
 sys.exit(img_calibrate())

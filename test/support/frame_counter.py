@@ -90,7 +90,7 @@ def plain(best_effort: bool) -> Iterator[Subscribe]:
 def ours(_: bool) -> Iterator[Subscribe]:
     """Subscribe as img_subscriber does."""
     # Not at the top, so that a plain process has nothing of the package.
-    from opencv_tools.logs import Log
+    from opencv_tools.base.logs import Log
     from opencv_tools.topics.options import SubscriptionOptions
     from opencv_tools.topics.subscription import FrameSubscription
     from opencv_tools.transport.fastdds.profile import configured_fastdds

@@ -32,10 +32,10 @@ import zlib
 
 from conftest import executor_of
 import numpy as np
+from opencv_tools.base.logs import Log
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames import Frame, FramePublisher
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.logs import Log
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.shared_source import SharedSource

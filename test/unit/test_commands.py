@@ -23,8 +23,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from opencv_tools.base.version import package_version
 import opencv_tools.commands
-from opencv_tools.version import package_version
 import pytest
 from waiting import LONGEST_SECONDS
 

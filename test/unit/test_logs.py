@@ -19,7 +19,7 @@ from __future__ import annotations
 from threading import Barrier, Thread
 
 from console import Console
-from opencv_tools.logs import Log, log_if_slow, Throttle
+from opencv_tools.base.logs import Log, log_if_slow, Throttle
 import pytest
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 
-from opencv_tools.progress import Progress
+from opencv_tools.base.progress import Progress
 import pytest
 
 

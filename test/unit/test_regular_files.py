@@ -23,7 +23,7 @@ import os
 from pathlib import Path
 
 import numpy as np
-from opencv_tools.regular_files import (
+from opencv_tools.base.regular_files import (
     open_regular, open_resolved, read_opened, read_regular, RefusedFileError, replace_file,
     write_buffer, write_new)
 import pytest

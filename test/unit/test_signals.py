@@ -28,7 +28,7 @@ pytestmark = pytest.mark.process
 
 END = """
 import os, signal, sys, time
-from opencv_tools.signals import end_at_signals
+from opencv_tools.base.signals import end_at_signals
 
 def send(name):
     os.kill(os.getpid(), getattr(signal, name))
@@ -67,7 +67,7 @@ def test_status_after_a_signal(name: str, arguments: str, status: int | None) ->
 def test_signal_before_the_command() -> None:
     script = """
 import os, signal, sys
-from opencv_tools.signals import end_at_signals
+from opencv_tools.base.signals import end_at_signals
 
 
 def handle(number, handler, handle=signal.signal):

@@ -34,7 +34,7 @@ def test_closed_stream_is_opened_as_dev_null(closed: tuple[str, ...], tmp_path: 
     script = ('import os, sys\n'
               'links = [f"/proc/self/fd/{number}" for number in range(3)]\n'
               'before = {link for link in links if os.path.exists(link)}\n'
-              'from opencv_tools.standard_streams import open_standard_streams\n'
+              'from opencv_tools.base.standard_streams import open_standard_streams\n'
               'open_standard_streams()\n'
               'for link in links:\n'
               '    told = os.readlink(link)\n'
@@ -56,7 +56,7 @@ def test_lost_terminal_does_not_change_the_exit_status(
         stream: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv('PYTHONUNBUFFERED', raising=False)
     code = ('import sys\n'
-            'from opencv_tools.standard_streams import discard_broken_streams\n'
+            'from opencv_tools.base.standard_streams import discard_broken_streams\n'
             'sys.stdin.readline()\n'
             f'sys.{stream}.write("no line")\n'
             'discard_broken_streams()\n')

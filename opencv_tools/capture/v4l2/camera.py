@@ -26,6 +26,8 @@ from pathlib import Path
 import stat
 from typing import Literal
 
+from opencv_tools.base.regular_files import natural_order
+from opencv_tools.base.text import printable
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.v4l2.camera_images import camera_reader
@@ -35,8 +37,6 @@ from opencv_tools.capture.v4l2.modes import (
     CameraRequest, choose_mode, DEFAULT_RATE, DEFAULT_SIZE, describe_modes, Mode)
 from opencv_tools.capture.v4l2.pixel_formats import PIXEL_FORMATS
 from opencv_tools.capture.v4l2.videodev2 import VIDEO_MAJOR
-from opencv_tools.image.text import printable
-from opencv_tools.regular_files import natural_order
 
 
 @contextmanager

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 import enum
 from fcntl import ioctl
 
+from opencv_tools.base.text import printable
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.videodev2 import try_ioctl
-from opencv_tools.image.text import printable
 
 _UNUSABLE = (videodev2.V4L2_CTRL_FLAG_DISABLED | videodev2.V4L2_CTRL_FLAG_READ_ONLY
              | videodev2.V4L2_CTRL_FLAG_WRITE_ONLY)

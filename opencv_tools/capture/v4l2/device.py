@@ -29,12 +29,12 @@ import select
 from threading import RLock
 import time
 
+from opencv_tools.base.text import printable
 from opencv_tools.capture.v4l2 import videodev2
 from opencv_tools.capture.v4l2.controls import changed_controls, Control, list_controls
 from opencv_tools.capture.v4l2.modes import list_modes, list_rates, Mode, per_second
 from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, unpack_fourcc
 from opencv_tools.capture.v4l2.videodev2 import try_ioctl
-from opencv_tools.image.text import printable
 
 # Largest time by which a driver's stamp may be in the future. Some drivers hand over a frame
 # before the end of its period and stamp it with that end; vivid does so by most of a period.

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterable
 from threading import Event
 import time
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.topics.compressed_topic import CompressedTopic
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher

@@ -19,10 +19,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
+from opencv_tools.base.logs import Log
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.controls import Control, ControlType
-from opencv_tools.logs import Log
 from opencv_tools.nodes.declaration import (
     closest_name, declare_parameter, describe_unknown, unknown_parameters)
 from opencv_tools.nodes.parameters import Parameter

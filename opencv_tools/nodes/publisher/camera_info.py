@@ -29,9 +29,9 @@ from threading import Lock
 from ament_index_python.packages import get_package_share_directory
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.image.orientation import turned_axes
-from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.calibration_file import (
     CameraInfoError, read_camera_info, write_camera_info)
 from opencv_tools.nodes.publisher.parameters import PublisherSettings

@@ -21,12 +21,12 @@ from functools import cache
 import time
 
 from builtin_interfaces.msg import Time
+from opencv_tools.base.logs import Log
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.rectified_image import RectifiedImage
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.errors import ImageError, RectificationError
 from opencv_tools.image.orientation import turned_axes
-from opencv_tools.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 from opencv_tools.nodes.publisher.calibration_file import CameraInfoError
 from opencv_tools.nodes.publisher.camera_info import PublishedCalibration, turn_camera_info

@@ -21,6 +21,8 @@ import math
 import time
 from typing import Any
 
+from opencv_tools.base.logs import Log, log_if_slow
+from opencv_tools.base.progress import Progress
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, Source
@@ -29,7 +31,6 @@ from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import describe_opening, open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
-from opencv_tools.logs import Log, log_if_slow
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
@@ -37,7 +38,6 @@ from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.publisher.topic_player import differences, TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
-from opencv_tools.progress import Progress
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.timers import Delay
 from rclpy.node import Node

@@ -20,6 +20,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
+from opencv_tools.base.logs import Log, log_if_slow
+from opencv_tools.base.text import without_password
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.grabber import ReconnectPolicy
@@ -32,8 +34,6 @@ from opencv_tools.capture.v4l2.pixel_formats import check_fourcc
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
-from opencv_tools.image.text import without_password
-from opencv_tools.logs import Log, log_if_slow
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.publisher.stamps import STAMPS

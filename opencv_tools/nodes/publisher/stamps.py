@@ -20,8 +20,8 @@ import time
 from typing import cast, Protocol
 
 from builtin_interfaces.msg import Time
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.frame import CapturedFrame, Recorded
-from opencv_tools.units import NANO
 from rclpy.clock import ROSClock
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock

@@ -28,16 +28,16 @@ from opencv_tools.bags.offered_qos import KEEP_LAST, OfferedQos, read_offered_qo
 from opencv_tools.bags.open_bag import open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import printable
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
 from opencv_tools.capture.player import LONG_WAIT_SECONDS
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.topics.errors import ROS_ERRORS, ros_reason
 from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.transport.message_type import message_type
-from opencv_tools.units import NANO
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher

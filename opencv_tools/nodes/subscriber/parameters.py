@@ -19,10 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from opencv_tools.bags.writing import BAG_SUFFIX
+from opencv_tools.base.rate_limit import MAX_RATE
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.settings import NodeSettings, priority_parameter
-from opencv_tools.rate_limit import MAX_RATE
 from opencv_tools.recording.naming import check_folder, FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
 from opencv_tools.recording.open_sink import check_format, check_limits, KEEPS_PACKETS

@@ -21,8 +21,9 @@ from functools import partial
 from pathlib import Path
 import time
 
-from opencv_tools.image.text import MAX_PATH, printable
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.regular_files import user_path
+from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
@@ -35,7 +36,6 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
-from opencv_tools.regular_files import user_path
 from opencv_tools.topics.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node

@@ -26,9 +26,9 @@ import time
 from opencv_tools.bags.offered_qos import offered_qos_text
 from opencv_tools.bags.schemas import camera_info_topic
 from opencv_tools.bags.writing import BagChannel
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.text import enumerated, printable
-from opencv_tools.logs import Log
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.bag_messages import offered_qos
 from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage

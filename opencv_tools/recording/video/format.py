@@ -27,6 +27,7 @@ import io
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.base.units import NANO
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError, KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import UnwritableError
@@ -39,7 +40,6 @@ from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import VideoFile, WrittenVideo
 from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
 from opencv_tools.recording.video.writer import VideoWriter
-from opencv_tools.units import NANO
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import has_parameter_sets, parameter_sets
 

@@ -23,11 +23,11 @@ import os
 from pathlib import Path
 from typing import Any
 
+from opencv_tools.base.remedies import installation
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.file_format import Room
 from opencv_tools.recording.video.container import CONTAINER_FORMATS, VideoFile, WrittenVideo
 from opencv_tools.recording.video.frame import VideoFrame
-from opencv_tools.remedies import installation
 
 # A file up to this size may be only the header that FFmpeg wrote. A larger MP4 that ends inside
 # the header of a fragment cannot be opened either, but its frames can be rescued.

@@ -26,7 +26,7 @@ import math
 import random
 import sys
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.robot.compare.properties import format_pair, random_position
 from opencv_tools.robot.compare.side import Item, Key, Poses, shapes_of, Side
 from opencv_tools.robot.kinematics import with_mimics

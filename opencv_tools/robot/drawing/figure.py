@@ -23,7 +23,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.remedies import installation
+from opencv_tools.base.remedies import installation
 from opencv_tools.robot.drawing.primitives import GREY, PALE, plain, Point, TEXT_COLOR
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.output import write_all

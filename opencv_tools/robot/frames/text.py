@@ -20,7 +20,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import sys
 from typing import Any
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.robot.frames.listing import depth_first, Listing, parent_joints, transform_of
 
 _INDENT = 2

@@ -21,7 +21,7 @@ import asyncio
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 
-from opencv_tools.remedies import installation
+from opencv_tools.base.remedies import installation
 from opencv_tools.robot.load import LoadOptions
 from opencv_tools.robot.view.content import read_content, ViewOptions
 from opencv_tools.robot.view.single_file import html_page

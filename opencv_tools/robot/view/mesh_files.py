@@ -31,8 +31,8 @@ from pathlib import Path
 import re
 from urllib.parse import quote, unquote
 
-from opencv_tools.image.text import printable
-from opencv_tools.regular_files import open_resolved, read_opened, read_regular
+from opencv_tools.base.regular_files import open_resolved, read_opened, read_regular
+from opencv_tools.base.text import printable
 from opencv_tools.robot.sdf.includes import search_folders
 
 _MAX_ABOVE = 20  # folders above a file

@@ -25,13 +25,13 @@ import re
 import signal
 from typing import Any
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.sending import SendingHandler
+from opencv_tools.base.signals import END_SIGNALS
+from opencv_tools.base.text import printable
 from opencv_tools.robot.view.content import Content, read_content, to_json, ViewOptions
 from opencv_tools.robot.view.single_file import INDEX, page_policy, read_page
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
-from opencv_tools.sending import SendingHandler
-from opencv_tools.signals import END_SIGNALS
 from tornado.httpserver import HTTPServer
 from tornado.iostream import IOStream
 from tornado.netutil import bind_sockets

@@ -33,8 +33,8 @@ import stat
 from typing import Any
 from xml.dom import minidom
 
-from opencv_tools.regular_files import describe_kind
-from opencv_tools.remedies import installation
+from opencv_tools.base.regular_files import describe_kind
+from opencv_tools.base.remedies import installation
 from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
     one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)

@@ -33,12 +33,12 @@ import sys
 from types import FrameType
 
 from lxml import etree
+from opencv_tools.base.worker import restrict, worker_command
 from opencv_tools.robot.xacro.errors import TOO_LARGE, XacroProblem
 from opencv_tools.robot.xacro.expand import expand
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.input import display_name, MAX_BYTES
 from opencv_tools.robot.xml.report import Note, Report
-from opencv_tools.worker import restrict, worker_command
 
 _NAMESPACE = re.compile(r'https?://(?:www\.|wiki\.)?ros\.org/(?:wiki/)?xacro/?')
 _REPLY = b'\0'  # begins the reply; other output, for example of sitecustomize, is before it

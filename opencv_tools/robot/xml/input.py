@@ -20,7 +20,7 @@ from pathlib import Path
 import re
 import sys
 
-from opencv_tools.regular_files import read_regular
+from opencv_tools.base.regular_files import read_regular
 from opencv_tools.robot.xml.document import DescriptionError
 
 MAX_BYTES = 100_000_000

@@ -23,8 +23,8 @@ import os
 from pathlib import Path
 import sys
 
-from opencv_tools.image.text import printable
-from opencv_tools.regular_files import write_beside, write_buffer
+from opencv_tools.base.regular_files import write_beside, write_buffer
+from opencv_tools.base.text import printable
 from opencv_tools.robot.xml.document import DescriptionError
 
 _LONGEST_MESSAGE = 10_000  # characters

@@ -23,7 +23,7 @@ from pathlib import Path
 import pwd
 import re
 
-from opencv_tools.regular_files import open_regular, try_lock
+from opencv_tools.base.regular_files import open_regular, try_lock
 
 SHARED_MEMORY = Path('/dev/shm')
 

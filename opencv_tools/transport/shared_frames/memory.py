@@ -31,7 +31,7 @@ from typing import Any
 import uuid
 import weakref
 
-from opencv_tools.remedies import installation
+from opencv_tools.base.remedies import installation
 from opencv_tools.transport.shared_frames.header import FrameHeader
 from opencv_tools.transport.shared_frames.pages import (
     private_folder, shared_memory_errors, SharedMemoryError)

@@ -23,8 +23,8 @@ from threading import RLock
 import time
 
 import numpy as np
+from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import WireImage
-from opencv_tools.logs import Log
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity

@@ -26,6 +26,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.units import NANO
 from opencv_tools.calibration.detection import BoardFinder, Detection, no_board
 from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
 from opencv_tools.image.cdr import WireMessage
@@ -33,11 +34,10 @@ from opencv_tools.image.display import finite_limits
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image_codecs import convert_image
-from opencv_tools.units import NANO
 from opencv_tools.viewer.calibrate.session import Session, Sighting
-from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.pixels import read_pixels
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.feed import NewFrame
+from opencv_tools.viewer.streams.pixels import read_pixels
+from opencv_tools.viewer.streams.stream import Stream
 
 # A thorough search that finds nothing is repeated after this time, and this multiple of its own.
 _THOROUGH_SECONDS, _THOROUGH_PART = 1.0, 3.0

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from opencv_tools.base.text import enumerated, printable
 from opencv_tools.calibration.solve import Calibration
-from opencv_tools.image.text import enumerated, printable
 from opencv_tools.viewer.control import CameraControl, services_of
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from rclpy.node import Node

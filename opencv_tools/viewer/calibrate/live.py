@@ -23,15 +23,15 @@ import itertools
 from typing import Any, Protocol
 
 import numpy as np
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import printable
 from opencv_tools.calibration.boards import CalibrationError, CHARUCO
 from opencv_tools.calibration.views import ENOUGH_CELLS, ENOUGH_VIEWS
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
 from opencv_tools.viewer.calibrate.board_search import BoardSearch, Seen
 from opencv_tools.viewer.calibrate.session import Result, Session, Sighting
 from opencv_tools.viewer.calibrate.solver import check_model, Solver
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.stream import Stream
 
 _LENS = ('fx', 'fy', 'cx', 'cy')
 

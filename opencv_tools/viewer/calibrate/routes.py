@@ -37,9 +37,9 @@ from opencv_tools.viewer.calibrate.live import LiveCalibration
 from opencv_tools.viewer.calibrate.session import MAX_BOARD
 from opencv_tools.viewer.calibrate.sessions import Calibrations
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.page_files import CALIBRATE
 from opencv_tools.viewer.protocol import base_name, parse_message, pong, topic_of
-from opencv_tools.viewer.web import IndexHandler, Refusal, Site, SiteHandler, SocketHandler
+from opencv_tools.viewer.web.page_files import CALIBRATE
+from opencv_tools.viewer.web.web import IndexHandler, Refusal, Site, SiteHandler, SocketHandler
 from tornado.websocket import WebSocketClosedError
 
 _PER_SECOND, _MOST = 10.0, 100.0  # messages of a page

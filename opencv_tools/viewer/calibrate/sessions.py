@@ -24,8 +24,8 @@ import time
 from typing import Any
 
 import numpy as np
-from opencv_tools.image.text import enumerated, printable
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import enumerated, printable
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.viewer.calibrate.camera_info import (
     camera_info_of, check_raw, info_topic, set_camera_info)

@@ -22,12 +22,12 @@ import pickle
 import sys
 from typing import cast
 
+from opencv_tools.base.worker import begin_work, Worker, worker_command
 from opencv_tools.calibration.boards import CalibrationError
 from opencv_tools.calibration.detection import Detection
 from opencv_tools.calibration.least_squares import MODELS
 from opencv_tools.calibration.solve import Calibration, solve
 from opencv_tools.calibration.verdict import judge, Verdict
-from opencv_tools.worker import begin_work, Worker, worker_command
 
 _SECONDS = 120.0
 

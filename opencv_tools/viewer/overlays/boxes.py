@@ -22,9 +22,9 @@ import math
 import struct
 from typing import Any
 
+from opencv_tools.base.text import printable
+from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.text import printable
-from opencv_tools.units import NANO
 
 #: Type of the messages.
 DETECTIONS = 'vision_msgs/msg/Detection2DArray'

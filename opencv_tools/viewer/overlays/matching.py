@@ -19,11 +19,11 @@ import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.topics.rate_meter import RateMeter
-from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.overlays.boxes import Boxes
 from opencv_tools.viewer.overlays.sources import BoxSource, Detections
+from opencv_tools.viewer.streams.feed import Feed, NewFrame
 
 _MAX_READ = 8  # frames whose boxes are kept; a page may request one with another region
 

@@ -20,17 +20,17 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from opencv_tools.base.text import printable
 from opencv_tools.camera_model import raw_view
 from opencv_tools.image.errors import CdrError, ImageError
-from opencv_tools.image.text import printable
-from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.overlays.boxes import LARGEST
 from opencv_tools.viewer.overlays.matching import MatchedFrames
 from opencv_tools.viewer.overlays.sources import BoxSource, CameraInfoSource, OverlaySources
 from opencv_tools.viewer.protocol import topic_of
-from opencv_tools.viewer.video_channel import VideoChannel
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.feed import Feed, NewFrame
+from opencv_tools.viewer.streams.video_channel import VideoChannel
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo
 

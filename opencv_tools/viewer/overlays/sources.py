@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.text import printable
 from opencv_tools.viewer.calibrate.camera_info import info_topic
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.timers import create_steady_timer

@@ -24,8 +24,8 @@ from threading import Lock
 import time
 from typing import Any
 
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
+from opencv_tools.base.text import printable
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.disk_reserve import SinkWithReserve
 from opencv_tools.recording.errors import Unwritten

@@ -20,8 +20,8 @@ from collections.abc import Callable
 import time
 from typing import NamedTuple
 
+from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import ImageError
-from opencv_tools.logs import Log
 from opencv_tools.nodes.bag_messages import BagMessages
 from opencv_tools.recording.bag_file import RecordedMessage
 from opencv_tools.recording.message_frame import MessageFrame

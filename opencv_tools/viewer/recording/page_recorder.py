@@ -24,9 +24,10 @@ from threading import Thread
 import time
 from typing import Any, TypeVar
 
+from opencv_tools.base.logs import Log
+from opencv_tools.base.regular_files import user_path
+from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
-from opencv_tools.image.text import enumerated, MAX_PATH, printable
-from opencv_tools.logs import Log
 from opencv_tools.nodes.bag_messages import bag_channel, frame_of, offers_of, type_of
 from opencv_tools.recording.disk_reserve import SinkWithReserve
 from opencv_tools.recording.errors import LimitReached, RecordingError
@@ -34,7 +35,6 @@ from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import check_folder
 from opencv_tools.recording.open_sink import open_bag_sink
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.regular_files import user_path
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.recording.bag_recording import BagRecording

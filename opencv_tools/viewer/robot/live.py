@@ -36,7 +36,7 @@ from opencv_tools.viewer.robot.joints import joint_position, LiveJoint
 from opencv_tools.viewer.robot.reader import LiveRobot, read_description
 from opencv_tools.viewer.robot.topics import (
     DESCRIPTION, Inbox, missing_publishers, MOTION, RobotTopics, STATES, TRANSFORMS)
-from opencv_tools.viewer.stream import UNUSED_SECONDS
+from opencv_tools.viewer.streams.stream import UNUSED_SECONDS
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String

@@ -25,14 +25,14 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from opencv_tools.image.text import printable
+from opencv_tools.base.text import printable
+from opencv_tools.base.worker import begin_work, Worker, worker_command
 from opencv_tools.robot.view.content import to_json
 from opencv_tools.robot.view.untrusted import text_content
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.robot.joints import joints_of, LiveJoint
-from opencv_tools.worker import begin_work, Worker, worker_command
 
 _SECONDS, _PROCESSOR_SECONDS = 60.0, 15
 _MEMORY = 1_500_000_000  # bytes of address space, including Python and its modules

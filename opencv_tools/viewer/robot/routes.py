@@ -25,10 +25,10 @@ from typing import Any
 
 from opencv_tools.robot.view.single_file import INDEX, page_policy, read_page
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.page_files import PageFile
 from opencv_tools.viewer.protocol import parse_message, pong
 from opencv_tools.viewer.robot.live import LiveRobots
-from opencv_tools.viewer.web import FileHandler, IndexHandler, Site, SiteHandler, SocketHandler
+from opencv_tools.viewer.web.page_files import PageFile
+from opencv_tools.viewer.web.web import FileHandler, IndexHandler, Site, SiteHandler, SocketHandler
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError
 

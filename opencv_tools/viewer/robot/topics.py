@@ -21,7 +21,7 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import partial
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.message_types.definition import DefinitionError
 from opencv_tools.topics.errors import ROS_ERRORS
 from opencv_tools.topics.events import destroyable

@@ -29,7 +29,7 @@ from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import BagMessage, BagTopic, MAX_BYTES
 from opencv_tools.bags.schemas import IMAGE
-from opencv_tools.regular_files import RefusedFileError
+from opencv_tools.base.regular_files import RefusedFileError
 from played_bags import BEGAN_NS, Entry, image_entry, read_all, write_rosbag2, written
 import pytest
 

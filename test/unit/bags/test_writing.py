@@ -30,11 +30,10 @@ import numpy as np
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
+from opencv_tools.base.version import package_version
 from opencv_tools.image.cdr import (
-    message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage, WireMessage,
-)
+    message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage, WireMessage)
 from opencv_tools.image.encodings import ENCODINGS
-from opencv_tools.version import package_version
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image

@@ -22,9 +22,9 @@ from pathlib import Path
 import cv2
 from images import oriented_jpeg, UPRIGHT
 import numpy as np
+from opencv_tools.base.regular_files import natural_order
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.source import expected_size, open_source
-from opencv_tools.regular_files import natural_order
 from playback import frames_of, numbers, play
 import pytest
 from special_files import KINDS

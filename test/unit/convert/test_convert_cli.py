@@ -32,14 +32,14 @@ from images import oriented_jpeg, random_image
 from mcap.reader import make_reader
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO
+from opencv_tools.base.logs import LineWriter, Log
+from opencv_tools.base.progress import open_progress, Progress
 from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image_codecs import convert_image
-from opencv_tools.logs import LineWriter, Log
-from opencv_tools.progress import open_progress, Progress
 from playback import frames_of
 from played_bags import (
     compressed_entry, Entry, image_entry, read_all, TOPIC, write_mcap, write_rosbag2, written)

@@ -35,7 +35,7 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import array_to_wire, view_image, view_pixels
 from opencv_tools.nodes.conversion import FrameConverter
-from opencv_tools.viewer.encoding import encode_picture, PictureOptions
+from opencv_tools.viewer.streams.encoding import encode_picture, PictureOptions
 from playback import frames_of
 from played_bags import Entry, header, NANO, write_mcap
 import pytest

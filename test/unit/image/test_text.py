@@ -22,6 +22,7 @@ import time
 from types import SimpleNamespace
 
 from hypothesis import given, strategies as st
+from opencv_tools.base.text import enumerated, printable, without_password
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.source import open_source
@@ -30,7 +31,6 @@ from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding
 from opencv_tools.image.errors import EncodingError, ImageError
-from opencv_tools.image.text import enumerated, printable, without_password
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.declaration import describe_unknown
 from opencv_tools.nodes.publisher.parameters import PARAMETERS

@@ -25,7 +25,7 @@ import signal
 from conftest import NodeProcess, read_pictures
 from images import draw_pattern
 import numpy as np
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.nodes.publisher.backlog import Backlog
 import pytest
 from rclpy.duration import Duration

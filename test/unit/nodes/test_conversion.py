@@ -20,12 +20,12 @@ import struct
 
 import cv2
 import numpy as np
+from opencv_tools.base.units import NANO
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
 from opencv_tools.image.errors import SizeError
 from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.units import NANO
 import pytest
 
 HEADER = WireHeader(1, 2, 'camera')

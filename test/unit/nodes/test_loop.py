@@ -113,7 +113,7 @@ def test_rate_of_lines_about_the_same_broken_frame(
         node: Node, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     loop = create_loop(node, source='pattern')
     now = 100.0
-    monkeypatch.setattr('opencv_tools.logs.time', SimpleNamespace(monotonic=lambda: now))
+    monkeypatch.setattr('opencv_tools.base.logs.time', SimpleNamespace(monotonic=lambda: now))
     for reason in 'abbbbb':
         loop._events.broken(BrokenFrameError(f'reason {reason}'))
         now += 0.4

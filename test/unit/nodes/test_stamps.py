@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+from opencv_tools.base.units import NANO
 from opencv_tools.capture.frame import Recorded
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
 from opencv_tools.nodes.publisher.stamps import Stamper
-from opencv_tools.units import NANO
 import pytest
 from rclpy.clock import ClockType, ROSClock
 from rclpy.time import Time

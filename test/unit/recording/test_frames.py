@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
+from opencv_tools.base.units import NANO
 from opencv_tools.recording.frames import ArrivalClock
-from opencv_tools.units import NANO
 import pytest
 
 HOUR = 3600 * NANO

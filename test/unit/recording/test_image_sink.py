@@ -69,7 +69,7 @@ def test_array_on_a_full_disk_leaves_no_file(
     def refuse(*_: object) -> None:
         raise OSError(errno.ENOSPC, 'no room')
 
-    monkeypatch.setattr('opencv_tools.regular_files.write_buffer', refuse)
+    monkeypatch.setattr('opencv_tools.base.regular_files.write_buffer', refuse)
     with pytest.raises(OSError, match='no room'):
         sink.prepare(frame_of(random_image('bgr8'), 'bgr8'))
     assert not [*tmp_path.glob('.*.part')]

@@ -21,10 +21,10 @@ from typing import Any
 
 from conftest import spin_until
 import numpy as np
+from opencv_tools.base.logs import Log
 from opencv_tools.frames import publisher as publisher_module
 from opencv_tools.image.encodings import DEPTHS, ENCODINGS
 from opencv_tools.image.errors import CodecError
-from opencv_tools.logs import Log
 from opencv_tools.topics import subscription as subscription_module
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage

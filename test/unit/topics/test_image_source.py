@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.topics.image_source import ImageSource
 from opencv_tools.topics.order import FrameOrder
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Set
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.topics.subscription import MixedPublishers
 import pytest
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.topics.subscription import NoFramesWarning
 import pytest
 

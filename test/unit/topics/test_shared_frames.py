@@ -21,7 +21,7 @@ import gc
 from queue import Queue
 from threading import Event, Thread
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.topics import shared_source
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Position, Way

@@ -23,15 +23,15 @@ from threading import Event, Thread
 from typing import Any, Protocol
 
 import numpy as np
+from opencv_tools.base.logs import Log
 from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscriber
 from opencv_tools.image_viewer import ImageViewer
-from opencv_tools.logs import Log
 from opencv_tools.nodes.run_node import ClosableNode
 from opencv_tools.video.settings import VideoSettings
-from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.graph import Graph
 from opencv_tools.viewer.recording.images import RecordedImages, Topic
+from opencv_tools.viewer.streams.feed import Feed
 import pytest
 import rclpy
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor

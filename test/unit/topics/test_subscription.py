@@ -26,13 +26,12 @@ import threading
 import time
 
 from conftest import destroy, spin_until
+from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import (
-    cdr_to_image, image_to_cdr, WireCompressedImage, WireImage, WireMessage,
-)
+    cdr_to_image, image_to_cdr, WireCompressedImage, WireImage, WireMessage)
 from opencv_tools.image.errors import CdrError
-from opencv_tools.logs import Log
-from opencv_tools.topics import message_reader, order, subscription as module
-from opencv_tools.topics import subscription as subscription_module
+from opencv_tools.topics import (
+    message_reader, order, subscription as module, subscription as subscription_module)
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import FrameSubscription

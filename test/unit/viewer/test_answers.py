@@ -20,11 +20,11 @@ import asyncio
 import socket
 from typing import Any, cast
 
-from opencv_tools import sending
-from opencv_tools.logs import Log
+from opencv_tools.base import sending
+from opencv_tools.base.logs import Log
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.hub import Hub
-from opencv_tools.viewer.web import Site, SiteHandler
+from opencv_tools.viewer.web.web import Site, SiteHandler
 import pytest
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets

@@ -31,13 +31,13 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.viewer import stream as stream_module
-from opencv_tools.viewer.channel import Channel
-from opencv_tools.viewer.encoding import Picture, PictureOptions
-from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.region import Region
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams import stream as stream_module
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
+from opencv_tools.viewer.streams.feed import Feed, NewFrame
+from opencv_tools.viewer.streams.stream import Stream
 import pytest
 from waiting import due, LONGEST_SECONDS, pause_loop, until
 

@@ -23,11 +23,11 @@ import numpy as np
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
 from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image_codecs import encode_image
-from opencv_tools.viewer.compressed_depth import decode_compressed_depth
-from opencv_tools.viewer.encoding import encode_picture, PictureOptions
-from opencv_tools.viewer.looks import describe_pixel, histogram, line_profile
-from opencv_tools.viewer.pixels import read_pixels
+from opencv_tools.viewer.inspect.looks import describe_pixel, histogram, line_profile
 from opencv_tools.viewer.region import Region
+from opencv_tools.viewer.streams.compressed_depth import decode_compressed_depth
+from opencv_tools.viewer.streams.encoding import encode_picture, PictureOptions
+from opencv_tools.viewer.streams.pixels import read_pixels
 import pytest
 
 MILLIMETRES, METRES = '16UC1; compressedDepth png', '32FC1; compressedDepth png'

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import numpy as np
-from opencv_tools.viewer.depth_colors import DepthRange, measure_limits, Steady
+from opencv_tools.viewer.streams.depth_colors import DepthRange, measure_limits, Steady
 import pytest
 
 

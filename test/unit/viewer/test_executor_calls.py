@@ -20,7 +20,7 @@ from functools import partial
 from typing import Any
 
 from conftest import spin_until
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 import pytest

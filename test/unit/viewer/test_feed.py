@@ -19,7 +19,7 @@ from __future__ import annotations
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import Feed
+from opencv_tools.viewer.streams.feed import Feed
 import pytest
 
 MESSAGE = WireCompressedImage(

@@ -26,17 +26,17 @@ from typing import Any
 
 from console import Console
 import numpy as np
+from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.units import NANO
-from opencv_tools.viewer import history as history_module
-from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.history import History, message_size
+from opencv_tools.viewer.inspect import history as history_module
+from opencv_tools.viewer.inspect.history import History, message_size
+from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.protocol import ViewRequest
-from opencv_tools.viewer.steps import Steps
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.feed import NewFrame
+from opencv_tools.viewer.streams.stream import Stream
 import pytest
 from waiting import due, pause_loop, until
 

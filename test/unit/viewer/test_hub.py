@@ -22,15 +22,15 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import Any
 
-from opencv_tools.logs import Log
+from opencv_tools.base.logs import Log
 from opencv_tools.viewer import hub as hub_module
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.feed import Feed
 from opencv_tools.viewer.graph import Graph, GraphState, ViewTopic
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import ViewRequest
+from opencv_tools.viewer.streams.feed import Feed
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node

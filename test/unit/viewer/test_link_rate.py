@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.viewer.channel import LinkRate
+from opencv_tools.viewer.streams.channel import LinkRate
 import pytest
 
 MEGABIT = 1e6 / 8

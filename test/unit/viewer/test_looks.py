@@ -31,11 +31,11 @@ from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.looks import Looks, MAX_LOOKS
+from opencv_tools.viewer.inspect.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import ViewRequest
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.stream import Stream
 import pytest
 from waiting import pause_loop, until
 

@@ -26,11 +26,11 @@ from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.overlays import matching
 from opencv_tools.viewer.overlays.boxes import DETECTIONS, MAX_BYTES
 from opencv_tools.viewer.overlays.matching import MatchedFrames
 from opencv_tools.viewer.overlays.sources import BoxSource
+from opencv_tools.viewer.streams.feed import Feed, NewFrame
 import pytest
 from waiting import until
 

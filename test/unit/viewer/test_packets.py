@@ -24,8 +24,8 @@ from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET, WireVideo
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets
-from opencv_tools.viewer import packets as packets_module
-from opencv_tools.viewer.packets import PacketFeed
+from opencv_tools.viewer.streams import packets as packets_module
+from opencv_tools.viewer.streams.packets import PacketFeed
 import pytest
 from video_packets import every_codec, packets
 

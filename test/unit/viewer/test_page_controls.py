@@ -26,7 +26,7 @@ from pathlib import Path
 import re
 
 from opencv_tools.viewer.calibrate.live import _ACTIONS
-from opencv_tools.viewer.page_socket import _CONTROLS
+from opencv_tools.viewer.web.page_socket import _CONTROLS
 import pytest
 
 ROOT = Path(__file__).parents[3]

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import re
 
-from opencv_tools.viewer.page_files import INDEX, read_page, TOKEN_FORM
+from opencv_tools.viewer.web.page_files import INDEX, read_page, TOKEN_FORM
 
 
 def test_every_file_of_the_page_is_found() -> None:

@@ -25,9 +25,9 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
-from opencv_tools.viewer.depth_colors import Steady
-from opencv_tools.viewer.encoding import encode_picture, Picture, PictureOptions
 from opencv_tools.viewer.region import Region
+from opencv_tools.viewer.streams.depth_colors import Steady
+from opencv_tools.viewer.streams.encoding import encode_picture, Picture, PictureOptions
 import pytest
 
 FULL = PictureOptions(0, 95)

@@ -22,9 +22,9 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
-from opencv_tools.viewer import picture_files
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.picture_files import PictureFiles
+from opencv_tools.viewer.inspect import picture_files
+from opencv_tools.viewer.inspect.picture_files import PictureFiles
 import pytest
 from test_channel import until
 from test_looks import Asker

@@ -25,9 +25,10 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image, encode_image
-from opencv_tools.viewer.looks import BINS, describe_pixel, histogram, line_profile, MAX_SAMPLES
-from opencv_tools.viewer.pixels import Pixels, read_pixels
+from opencv_tools.viewer.inspect.looks import (
+    BINS, describe_pixel, histogram, line_profile, MAX_SAMPLES)
 from opencv_tools.viewer.region import Region
+from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
 import pytest
 
 GENERIC = ['8UC1', '8UC3', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1', '32FC3', '16UC3', '8UC16']

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from typing import Any, cast
 
 from hypothesis import given, strategies
-from opencv_tools.viewer.rate_limit import EvenRate
+from opencv_tools.viewer.streams.rate_limit import EvenRate
 import pytest
 
 

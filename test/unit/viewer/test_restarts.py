@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from opencv_tools.units import NANO
-from opencv_tools.viewer.feed import Restarts
+from opencv_tools.base.units import NANO
+from opencv_tools.viewer.streams.feed import Restarts
 import pytest
 
 TOPIC = '/front'

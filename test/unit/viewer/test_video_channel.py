@@ -29,14 +29,14 @@ from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.settings import VideoSettings
-from opencv_tools.viewer import video_channel
-from opencv_tools.viewer.encoded_video import EncodedVideo
-from opencv_tools.viewer.packets import PacketFeed, PACKETS, ViewedPacket
 from opencv_tools.viewer.protocol import ViewRequest
-from opencv_tools.viewer.stream import Stream
-from opencv_tools.viewer.video_channel import VideoChannel
-from opencv_tools.viewer.video_link import VideoLink
-from opencv_tools.viewer.video_source import PacketSource, PublishedVideo
+from opencv_tools.viewer.streams import video_channel
+from opencv_tools.viewer.streams.encoded_video import EncodedVideo
+from opencv_tools.viewer.streams.packets import PacketFeed, PACKETS, ViewedPacket
+from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.streams.video_channel import VideoChannel
+from opencv_tools.viewer.streams.video_link import VideoLink
+from opencv_tools.viewer.streams.video_source import PacketSource, PublishedVideo
 import pytest
 from waiting import pause_loop, until
 

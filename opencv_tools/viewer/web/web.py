@@ -21,14 +21,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from opencv_tools.image.text import printable
-from opencv_tools.logs import Log
-from opencv_tools.sending import SendingHandler
+from opencv_tools.base.logs import Log
+from opencv_tools.base.sending import SendingHandler
+from opencv_tools.base.text import printable
 from opencv_tools.viewer.access import Access, check_origin, is_same_origin
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.overlays.page_overlays import PageOverlays
-from opencv_tools.viewer.page_files import CALIBRATE, INDEX, PageFile, TOKEN_FORM
+from opencv_tools.viewer.web.page_files import CALIBRATE, INDEX, PageFile, TOKEN_FORM
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketHandler
 

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from opencv_tools.cv_bridge import cvtColorForDisplay
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image_codecs import apply_colormap
-from opencv_tools.viewer.pixels import DISPARITY, Pixels
 from opencv_tools.viewer.protocol import LARGEST
+from opencv_tools.viewer.streams.pixels import DISPARITY, Pixels
 
 #: Smallest and largest number of a picture.
 Limits = tuple[float, float]

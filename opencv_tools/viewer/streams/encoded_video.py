@@ -20,20 +20,20 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import replace
 
+from opencv_tools.base.text import printable
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.errors import ImageError, VideoError
-from opencv_tools.image.text import printable
 from opencv_tools.video.parameter_sets import webcodecs_name
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.video.stream import VideoStream
 from opencv_tools.viewer.errors import MAX_MESSAGE
-from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
-from opencv_tools.viewer.pixels import Pixels, read_pixels
-from opencv_tools.viewer.rate_limit import EvenRate
-from opencv_tools.viewer.stream import Stream
-from opencv_tools.viewer.video_link import SLOW_BIT_RATE
-from opencv_tools.viewer.video_source import PacketReceiver, PacketSource, PublishedVideo
+from opencv_tools.viewer.streams.feed import NewFrame
+from opencv_tools.viewer.streams.packets import PacketFeed, ViewedPacket
+from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
+from opencv_tools.viewer.streams.rate_limit import EvenRate
+from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.streams.video_link import SLOW_BIT_RATE
+from opencv_tools.viewer.streams.video_source import PacketReceiver, PacketSource, PublishedVideo
 
 
 class EncodedVideo(PacketSource):

@@ -28,7 +28,7 @@ from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.exif import jpeg_orientation, turn_upright
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image_codecs import decode_image
-from opencv_tools.viewer.compressed_depth import (
+from opencv_tools.viewer.streams.compressed_depth import (
     decode_compressed_depth, is_compressed_depth, Quantisation)
 
 _BRIDGE = CvBridge()

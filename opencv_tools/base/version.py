@@ -19,7 +19,7 @@ from __future__ import annotations
 import argparse
 from typing import Any, NoReturn
 
-from opencv_tools.image.text import without_password
+from opencv_tools.base.text import without_password
 
 
 def package_version() -> str:

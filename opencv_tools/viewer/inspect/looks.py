@@ -24,16 +24,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image.errors import CodecError, ImageError
-from opencv_tools.image.text import printable
-from opencv_tools.viewer.channel import Channel
-from opencv_tools.viewer.depth_colors import missing_numbers, UNITS, within_range
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.pixels import DISPARITY, Pixels
 from opencv_tools.viewer.protocol import parse_point, parse_region, topic_of, valid_number
 from opencv_tools.viewer.region import Region, region_within
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.depth_colors import missing_numbers, UNITS, within_range
+from opencv_tools.viewer.streams.pixels import DISPARITY, Pixels
 
 #: Samples of a line at most, and bins of a histogram.
 MAX_SAMPLES, BINS = 512, 64

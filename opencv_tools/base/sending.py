@@ -22,7 +22,7 @@ import os
 from pathlib import Path
 from typing import Any, cast
 
-from opencv_tools.regular_files import open_resolved
+from opencv_tools.base.regular_files import open_resolved
 from tornado.iostream import StreamClosedError
 from tornado.web import HTTPError, RequestHandler
 

@@ -20,10 +20,10 @@ from collections.abc import Callable
 from typing import Any
 
 from opencv_tools.topics.rate_meter import RateMeter
-from opencv_tools.viewer.packets import ViewedPacket
 from opencv_tools.viewer.protocol import ViewRequest
-from opencv_tools.viewer.video_link import VideoLink
-from opencv_tools.viewer.video_source import PacketSource
+from opencv_tools.viewer.streams.packets import ViewedPacket
+from opencv_tools.viewer.streams.video_link import VideoLink
+from opencv_tools.viewer.streams.video_source import PacketSource
 
 # Seconds after which an answer is late, and after which a decoder is said to hold its pictures.
 _LATE_SECONDS, _HELD_SECONDS = 0.5, 2.0

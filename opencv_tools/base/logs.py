@@ -24,7 +24,7 @@ from threading import Lock, Timer
 import time
 from typing import Protocol
 
-from opencv_tools.image.text import without_password
+from opencv_tools.base.text import without_password
 
 _MAX_LINE = 10_000  # characters; a sentence may name two of the longest paths of Linux
 _MAX_KEYS = 256

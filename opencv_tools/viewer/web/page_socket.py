@@ -26,16 +26,16 @@ import socket
 import time
 from typing import Any
 
-from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.control import CameraControl, recorder_of
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.looks import Looks, MAX_LOOKS
+from opencv_tools.viewer.inspect.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import (
     MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong, topic_of,
     ViewRequest, WIDTHS)
-from opencv_tools.viewer.video_channel import VideoChannel
-from opencv_tools.viewer.video_link import VideoLink
-from opencv_tools.viewer.web import POLICY_VIOLATION, SocketHandler
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.video_channel import VideoChannel
+from opencv_tools.viewer.streams.video_link import VideoLink
+from opencv_tools.viewer.web.web import POLICY_VIOLATION, SocketHandler
 from tornado.websocket import WebSocketClosedError
 
 # Unread pictures of topics that the page has left.

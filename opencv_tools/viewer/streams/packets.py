@@ -27,9 +27,8 @@ from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.messages import WireVideo
 from opencv_tools.video.packet import VideoPacket
-from opencv_tools.video.parameter_sets import (
-    is_key_frame, picture_size, webcodecs_name)
-from opencv_tools.viewer.feed import Feed
+from opencv_tools.video.parameter_sets import is_key_frame, picture_size, webcodecs_name
+from opencv_tools.viewer.streams.feed import Feed
 
 #: Transport of a subscription that receives the packets of a video topic unchanged.
 PACKETS = 'packets'

@@ -21,11 +21,11 @@ from dataclasses import dataclass, field
 import itertools
 import time
 
+from opencv_tools.base.text import printable
+from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import WireMessage
-from opencv_tools.image.text import printable
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
-from opencv_tools.units import NANO
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 
 # Publishers that are remembered.

@@ -22,7 +22,7 @@ import sys
 import time
 from typing import Any
 
-from opencv_tools.logs import LineWriter, Log
+from opencv_tools.base.logs import LineWriter, Log
 
 _SECONDS_BETWEEN_LINES = 1.0
 

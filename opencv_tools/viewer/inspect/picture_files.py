@@ -22,12 +22,12 @@ import secrets
 from typing import Any
 from urllib.parse import urlencode
 
-from opencv_tools.viewer.channel import Channel
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import NewFrame
-from opencv_tools.viewer.looks import describe_gone
+from opencv_tools.viewer.inspect.looks import describe_gone
 from opencv_tools.viewer.protocol import topic_of, valid_number
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.feed import NewFrame
+from opencv_tools.viewer.streams.stream import Stream
 
 _KEY_BYTES = 12
 # A page fetches its file at once. Frames may be large, so few of them wait.

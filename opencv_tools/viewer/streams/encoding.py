@@ -23,6 +23,7 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.compressed import parse_format
@@ -32,14 +33,13 @@ from opencv_tools.image.exif import is_sideways, jpeg_orientation, reversed_axes
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 from opencv_tools.image.picture_formats import MAX_SIDES
-from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import check_complete, convert_image
-from opencv_tools.viewer.compressed_depth import COMPRESSED_DEPTH, is_compressed_depth
-from opencv_tools.viewer.depth_colors import (
-    color_numbers, is_number, measure_image, NO_LIMITS, Steady, UNITS)
 from opencv_tools.viewer.errors import MAX_MESSAGE
-from opencv_tools.viewer.pixels import Pixels, read_pixels
 from opencv_tools.viewer.region import Region, region_within
+from opencv_tools.viewer.streams.compressed_depth import COMPRESSED_DEPTH, is_compressed_depth
+from opencv_tools.viewer.streams.depth_colors import (
+    color_numbers, is_number, measure_image, NO_LIMITS, Steady, UNITS)
+from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
 
 # Factor above which a mean of all pixels is needed against false patterns.
 _AREA_FACTOR = 2

@@ -23,11 +23,11 @@ from operator import attrgetter
 from typing import Any
 
 from opencv_tools.topics.rate_meter import RateMeter
-from opencv_tools.viewer.encoding import Picture, PictureOptions
-from opencv_tools.viewer.feed import Feed, NewFrame
 from opencv_tools.viewer.protocol import finite, step_width, ViewRequest, WIDTHS
-from opencv_tools.viewer.rate_limit import EvenRate
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
+from opencv_tools.viewer.streams.feed import Feed, NewFrame
+from opencv_tools.viewer.streams.rate_limit import EvenRate
+from opencv_tools.viewer.streams.stream import Stream
 
 
 class ShownFrame:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.units import NANO
+from opencv_tools.base.units import NANO
 
 #: Highest maximum rate in Hz.
 MAX_RATE = 1e6

@@ -21,12 +21,12 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from opencv_tools.units import NANO
-from opencv_tools.viewer.channel import Channel
+from opencv_tools.base.units import NANO
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import FeedKey, NewFrame
-from opencv_tools.viewer.history import History, Hold, KeptFrame
+from opencv_tools.viewer.inspect.history import History, Hold, KeptFrame
 from opencv_tools.viewer.protocol import topic_of, valid_number
+from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.feed import FeedKey, NewFrame
 
 _MAX_STEP = 10_000  # frames
 _MAX_VIDEOS = 1000  # topics

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.image_size import check_size, image_size
-from opencv_tools.image.text import printable
 from opencv_tools.image_codecs import decode_image
 
 #: What the format string of such an image has.

@@ -23,11 +23,11 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
-from opencv_tools.logs import Log
-from opencv_tools.viewer.depth_colors import DepthRange, Steady
-from opencv_tools.viewer.encoding import Picture, picture_or_reason, PictureOptions
-from opencv_tools.viewer.feed import Feed, FeedKey, NewFrame
-from opencv_tools.viewer.pixels import Pixels, read_pixels
+from opencv_tools.base.logs import Log
+from opencv_tools.viewer.streams.depth_colors import DepthRange, Steady
+from opencv_tools.viewer.streams.encoding import Picture, picture_or_reason, PictureOptions
+from opencv_tools.viewer.streams.feed import Feed, FeedKey, NewFrame
+from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
 
 _P = ParamSpec('_P')
 _T = TypeVar('_T')

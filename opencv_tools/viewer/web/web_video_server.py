@@ -30,14 +30,14 @@ from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, read_image_header
 from opencv_tools.recording.naming import FileNames
-from opencv_tools.viewer.encoding import Picture, PictureOptions
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.feed import NewFrame
 from opencv_tools.viewer.graph import NO_STATE
-from opencv_tools.viewer.picture_files import PictureFiles
+from opencv_tools.viewer.inspect.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import number_of, topic_of
-from opencv_tools.viewer.stream import Stream
-from opencv_tools.viewer.web import Refusal, SiteHandler
+from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
+from opencv_tools.viewer.streams.feed import NewFrame
+from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.web.web import Refusal, SiteHandler
 from tornado.escape import xhtml_escape
 
 # Lossless formats, most common first; .npy stores every frame.

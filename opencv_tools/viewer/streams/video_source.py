@@ -19,10 +19,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from opencv_tools.viewer.encoding import Picture
-from opencv_tools.viewer.packets import PacketFeed, ViewedPacket
 from opencv_tools.viewer.region import region_within
-from opencv_tools.viewer.stream import Stream
+from opencv_tools.viewer.streams.encoding import Picture
+from opencv_tools.viewer.streams.packets import PacketFeed, ViewedPacket
+from opencv_tools.viewer.streams.stream import Stream
 
 # Packets since the last key frame that a page gets at once when it comes, and their bytes.
 _MAX_GROUP, _MAX_GROUP_BYTES = 100, 2 * 2 ** 20
