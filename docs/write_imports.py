@@ -38,7 +38,7 @@ def module_imports() -> Graph:
     """
     Return the modules that each module of the package imports, without those of other packages.
 
-    Modules are paths without suffix, relative to ``opencv_tools/``: ``image/text``. Imports in
+    Modules are paths without suffix, relative to ``opencv_tools/``: ``image/layout``. Imports in
     functions and imports for types count as well.
     """
     package = ROOT / 'opencv_tools'

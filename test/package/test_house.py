@@ -38,8 +38,8 @@ _GIVES = re.compile(
     r'create_(\w+_)?(guard_condition|service|subscription|timer)')
 #: Code lines that a room may have: a number grows only by what another room gave back.
 BUDGET = {
-    '': 1270, 'bags': 1130, 'calibration': 1760, 'capture': 2010, 'convert': 310,
-    'datasets': 2270, 'frames': 410, 'image': 1150, 'message_types': 370, 'nodes': 2530,
+    '': 850, 'bags': 1130, 'base': 460, 'calibration': 1760, 'capture': 2010, 'convert': 310,
+    'datasets': 2270, 'frames': 410, 'image': 1110, 'message_types': 370, 'nodes': 2530,
     'recording': 2080, 'robot': 5940, 'topics': 1810, 'transport': 1160, 'video': 880,
     'viewer': 5390}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,

@@ -171,7 +171,7 @@ def test_one_text_for_missing_libraries() -> None:
     texts = project_texts()
     assert [str(path) for path, text in texts.items()
             if path.parts[0] == 'opencv_tools' and 'pip install' in text] == [
-                'opencv_tools/remedies.py']
+                'opencv_tools/base/remedies.py']
 
 
 def test_names_in_architecture_page() -> None:

@@ -33,7 +33,7 @@ MODULES = sorted(
 NAMES = frozenset(MODULES)
 
 ROBOT = 'opencv_tools.robot'
-# Modules of a room import only what stands here, beside the standard library and numpy.
+# Modules of a room import only what stands here, beside base, the standard library and numpy.
 PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.base',
         'opencv_tools.message_types', 'opencv_tools.recording.naming', 'opencv_tools.robot',
         'opencv_tools.video.bit_stream', 'opencv_tools.video.packet',
@@ -44,90 +44,85 @@ PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.base',
         'opencv_tools.viewer.robot.reader')
 ALLOWED = {
     'opencv_tools.bags': {
-        'opencv_tools.bags', 'opencv_tools.base', 'opencv_tools.image', 'opencv_tools.video',
-        'lz4', 'mcap', 'yaml', 'zstandard'},
-    'opencv_tools.base': {'opencv_tools.base', 'tornado', 'tqdm'},
-    'opencv_tools.calibration': {
-        'opencv_tools.base', 'opencv_tools.calibration', 'opencv_tools.image', 'cv2', 'yaml'},
-    'opencv_tools.calibration.cli': {'opencv_tools.base', 'opencv_tools.calibration.command'},
+        'opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.video', 'lz4', 'mcap', 'yaml',
+        'zstandard'},
+    'opencv_tools.base': {'tornado', 'tqdm'},
+    'opencv_tools.calibration': {'opencv_tools.calibration', 'opencv_tools.image', 'cv2', 'yaml'},
+    'opencv_tools.calibration.cli': {'opencv_tools.calibration.command'},
     'opencv_tools.calibration.command': {
-        'opencv_tools.base', 'opencv_tools.calibration', 'opencv_tools.capture.errors'},
+        'opencv_tools.calibration', 'opencv_tools.capture.errors'},
     'opencv_tools.calibration.source_images': {
         'opencv_tools.calibration', 'opencv_tools.capture', 'opencv_tools.image'},
-    'opencv_tools.calibration.view_search': {'opencv_tools.base', 'opencv_tools.calibration'},
+    'opencv_tools.calibration.view_search': {'opencv_tools.calibration'},
     'opencv_tools.camera_model': {'opencv_tools.image', 'cv2'},
     'opencv_tools.capture': {
-        'opencv_tools.bags', 'opencv_tools.base', 'opencv_tools.capture', 'opencv_tools.image',
+        'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.image',
         'opencv_tools.image_codecs', 'opencv_tools.rectification', 'opencv_tools.video', 'cv2'},
-    'opencv_tools.commands': {'opencv_tools.base'},
+    'opencv_tools.commands': set(),
     'opencv_tools.convert': {
-        'opencv_tools.bags', 'opencv_tools.base', 'opencv_tools.capture',
-        'opencv_tools.convert', 'opencv_tools.datasets.cli', 'opencv_tools.image',
-        'opencv_tools.recording', 'opencv_tools.video'},
+        'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.convert',
+        'opencv_tools.datasets.cli', 'opencv_tools.image', 'opencv_tools.recording',
+        'opencv_tools.video'},
     'opencv_tools.cv_bridge': {
         'opencv_tools.image', 'opencv_tools.image_codecs', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.datasets': {
-        'opencv_tools.bags', 'opencv_tools.base', 'opencv_tools.capture',
-        'opencv_tools.datasets', 'opencv_tools.image', 'opencv_tools.message_types',
-        'opencv_tools.recording.errors', 'opencv_tools.recording.video', 'av', 'cv2', 'pyarrow'},
-    'opencv_tools.datasets.cli': {'opencv_tools.base', 'opencv_tools.datasets'},
-    'opencv_tools.datasets.on_ray': {'opencv_tools.base', 'opencv_tools.datasets', 'ray'},
+        'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.datasets',
+        'opencv_tools.image', 'opencv_tools.message_types', 'opencv_tools.recording.errors',
+        'opencv_tools.recording.video', 'av', 'cv2', 'pyarrow'},
+    'opencv_tools.datasets.cli': {'opencv_tools.datasets'},
+    'opencv_tools.datasets.on_ray': {'opencv_tools.datasets', 'ray'},
     'opencv_tools.frames': {
-        'opencv_tools.base', 'opencv_tools.cv_bridge', 'opencv_tools.frames',
-        'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.nodes',
-        'opencv_tools.rectification', 'opencv_tools.topics', 'opencv_tools.transport',
-        'opencv_tools.video.settings', 'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
-    'opencv_tools.image': {'opencv_tools.base', 'opencv_tools.image'},
+        'opencv_tools.cv_bridge', 'opencv_tools.frames', 'opencv_tools.image',
+        'opencv_tools.image_codecs', 'opencv_tools.nodes', 'opencv_tools.rectification',
+        'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video.settings',
+        'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
+    'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2', 'simplejpeg'},
     'opencv_tools.message_types': {
         'opencv_tools.image', 'opencv_tools.message_types', 'ament_index_python',
         'rosidl_adapter'},
     'opencv_tools.nodes': {
-        'opencv_tools.bags', 'opencv_tools.base', 'opencv_tools.calibration.camera_file',
-        'opencv_tools.capture', 'opencv_tools.cv_bridge', 'opencv_tools.image',
-        'opencv_tools.message_types', 'opencv_tools.nodes', 'opencv_tools.recording',
-        'opencv_tools.rectification', 'opencv_tools.topics', 'opencv_tools.transport',
-        'opencv_tools.video', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs',
-        'rcl_interfaces', 'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
-        'yaml'},
+        'opencv_tools.bags', 'opencv_tools.calibration.camera_file', 'opencv_tools.capture',
+        'opencv_tools.cv_bridge', 'opencv_tools.image', 'opencv_tools.message_types',
+        'opencv_tools.nodes', 'opencv_tools.recording', 'opencv_tools.rectification',
+        'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video',
+        'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'rcl_interfaces',
+        'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'yaml'},
     'opencv_tools.recording': {
-        'opencv_tools.bags', 'opencv_tools.base', 'opencv_tools.image',
-        'opencv_tools.image_codecs', 'opencv_tools.recording', 'opencv_tools.video', 'av', 'cv2'},
+        'opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.image_codecs',
+        'opencv_tools.recording', 'opencv_tools.video', 'av', 'cv2'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.rectification': {
         'opencv_tools.camera_model', 'opencv_tools.image', 'opencv_tools.image_codecs', 'cv2'},
     'opencv_tools.robot': {
-        'opencv_tools.base', 'opencv_tools.robot', 'ament_index_python', 'lxml', 'matplotlib',
-        'xacro'},
-    'opencv_tools.robot.view.server': {'opencv_tools.base', 'opencv_tools.robot', 'tornado'},
-    'opencv_tools.robot.xml': {'opencv_tools.base', 'opencv_tools.robot.xml', 'lxml'},
-    'opencv_tools.topic_views': {
-        'opencv_tools.base', 'opencv_tools.calibration', 'opencv_tools.frames'},
+        'opencv_tools.robot', 'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
+    'opencv_tools.robot.view.server': {'opencv_tools.robot', 'tornado'},
+    'opencv_tools.robot.xml': {'opencv_tools.robot.xml', 'lxml'},
+    'opencv_tools.topic_views': {'opencv_tools.calibration', 'opencv_tools.frames'},
     'opencv_tools.topics': {
-        'opencv_tools.base', 'opencv_tools.image', 'opencv_tools.message_types',
-        'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video', 'rcl_interfaces',
-        'rclpy', 'sensor_msgs', 'std_msgs', 'type_description_interfaces'},
+        'opencv_tools.image', 'opencv_tools.message_types', 'opencv_tools.topics',
+        'opencv_tools.transport', 'opencv_tools.video', 'rcl_interfaces', 'rclpy',
+        'sensor_msgs', 'std_msgs', 'type_description_interfaces'},
     'opencv_tools.transport': {
-        'opencv_tools.base', 'opencv_tools.image', 'opencv_tools.message_types',
-        'opencv_tools.transport', 'ament_index_python', 'rclpy', 'sensor_msgs', 'std_msgs'},
+        'opencv_tools.image', 'opencv_tools.message_types', 'opencv_tools.transport',
+        'ament_index_python', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.transport.shared_frames.memory': {
         'opencv_tools.transport.shared_frames', 'iceoryx2'},
     'opencv_tools.video': {
         'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.message_types',
         'opencv_tools.video', 'av', 'cv2'},
     'opencv_tools.viewer': {
-        'opencv_tools.base', 'opencv_tools.calibration', 'opencv_tools.camera_model',
-        'opencv_tools.cv_bridge', 'opencv_tools.image', 'opencv_tools.image_codecs',
-        'opencv_tools.message_types', 'opencv_tools.nodes', 'opencv_tools.recording',
-        'opencv_tools.robot', 'opencv_tools.topics', 'opencv_tools.transport.message_type',
-        'opencv_tools.video', 'opencv_tools.viewer', 'cv2', 'rcl_interfaces', 'rclpy',
-        'sensor_msgs', 'std_msgs', 'std_srvs', 'tornado'},
-    'opencv_tools.viewer.access': {'opencv_tools.base', 'opencv_tools.viewer.errors'},
+        'opencv_tools.calibration', 'opencv_tools.camera_model', 'opencv_tools.cv_bridge',
+        'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.message_types',
+        'opencv_tools.nodes', 'opencv_tools.recording', 'opencv_tools.robot',
+        'opencv_tools.topics', 'opencv_tools.transport.message_type', 'opencv_tools.video',
+        'opencv_tools.viewer', 'cv2', 'rcl_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs',
+        'std_srvs', 'tornado'},
+    'opencv_tools.viewer.access': {'opencv_tools.viewer.errors'},
     'opencv_tools.viewer.certificate': {'opencv_tools.viewer.errors'},
     'opencv_tools.viewer.errors': set(),
     'opencv_tools.viewer.protocol': {
-        'opencv_tools.video.packet', 'opencv_tools.viewer.errors',
-        'opencv_tools.viewer.region'},
+        'opencv_tools.video.packet', 'opencv_tools.viewer.errors', 'opencv_tools.viewer.region'},
     'opencv_tools.viewer.region': set(),
     'opencv_tools.viewer.web.page_files': set(),
 }
@@ -165,8 +160,7 @@ def test_imports_point_down() -> None:
     wrong = []
     for module in sorted({*MODULES} - {*NODES}):
         room = max((name for name in ALLOWED if f'{module}.'.startswith(f'{name}.')), key=len)
-        allowed = {*ALLOWED[room], 'opencv_tools.base.remedies', 'opencv_tools.base.units',
-                   'opencv_tools.base.version'}
+        allowed = {*ALLOWED[room], 'opencv_tools.base'}
         wrong += [f'{module}: {name}' for name in imported(module)
                   if name.partition('.')[0] not in free
                   and not any(f'{name}.'.startswith(f'{other}.') for other in allowed)]
