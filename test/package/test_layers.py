@@ -126,13 +126,19 @@ ALLOWED = {
     'opencv_tools.viewer.region': set(),
     'opencv_tools.viewer.web.page_files': set(),
 }
+PROGRAMS = ('opencv_tools.nodes.publisher', 'opencv_tools.nodes.subscriber')
+SERVER = tuple(f'opencv_tools.viewer.{name}' for name in (
+    'control', 'recording', 'graph', 'hub', 'web', 'calibrate', 'robot', 'overlays', 'server'))
 #: What the modules of a package must not import, although ALLOWED names a package around it.
 FORBIDDEN = {
-    'opencv_tools.frames': ('opencv_tools.nodes.publisher', 'opencv_tools.nodes.subscriber'),
-    'opencv_tools.nodes': ('opencv_tools.nodes.publisher', 'opencv_tools.nodes.subscriber'),
+    'opencv_tools.frames': PROGRAMS, 'opencv_tools.nodes': PROGRAMS,
     'opencv_tools.nodes.publisher': ('opencv_tools.nodes.subscriber', 'opencv_tools.recording'),
     'opencv_tools.nodes.subscriber': ('opencv_tools.nodes.publisher', 'opencv_tools.capture'),
-    'opencv_tools.viewer': ('opencv_tools.nodes.publisher', 'opencv_tools.nodes.subscriber'),
+    'opencv_tools.viewer': PROGRAMS,
+    # From a message to a picture, then what a page asks about it; the server is above both.
+    'opencv_tools.viewer.streams': (*PROGRAMS, 'opencv_tools.viewer.inspect', *SERVER),
+    'opencv_tools.viewer.inspect': (*PROGRAMS, *SERVER),
+    'opencv_tools.viewer.recording': (*PROGRAMS, 'opencv_tools.viewer.streams', *SERVER[3:]),
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber', 'opencv_tools.image_filter',
