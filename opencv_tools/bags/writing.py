@@ -37,8 +37,8 @@ from opencv_tools.bags.index import (
 from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, COUNT_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, RECORD, SCHEMA_CODE)
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
+from opencv_tools.base.arguments import package_version
 from opencv_tools.base.regular_files import try_lock, write_buffer
-from opencv_tools.base.version import package_version
 
 BAG_SUFFIX = '.mcap'
 # Bytes after which the pages of the file are written to the disk, and number of such parts after

@@ -25,10 +25,10 @@ from collections.abc import Sequence
 import sys
 from typing import TYPE_CHECKING
 
+from opencv_tools.base.arguments import CommandParser
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.base.text import without_password
-from opencv_tools.base.version import CommandParser
 
 if TYPE_CHECKING:
     from opencv_tools.calibration.command import TopicSearch

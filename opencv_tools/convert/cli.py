@@ -24,10 +24,10 @@ import argparse
 from collections.abc import Sequence
 import sys
 
+from opencv_tools.base.arguments import CommandParser, integer, positive
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.base.text import without_password
-from opencv_tools.base.version import CommandParser
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
 
 _INTERRUPTED = 1
@@ -85,27 +85,17 @@ exit status:
         'selects the format: .mcap, .mp4, .mkv, .avi, .png, .jpg, .tiff, .bmp, .webp or .npy')
     parser.add_argument('--topic', default='', help='topic of the images of a bag, if it has '
                         'several')
-    parser.add_argument('--every', type=_positive, default=1, metavar='N',
+    parser.add_argument('--every', type=positive, default=1, metavar='N',
                         help='convert the first of every N frames [%(default)s]')
-    parser.add_argument('--start', type=_count, default=0, metavar='FRAME',
+    parser.add_argument('--start', type=integer, default=0, metavar='FRAME',
                         help='number of the first frame to convert, counted from 0 [%(default)s]')
-    parser.add_argument('--stop', type=_positive, default=0, metavar='FRAME',
+    parser.add_argument('--stop', type=positive, default=0, metavar='FRAME',
                         help='number of the first frame not to convert [end of the source]')
     parser.add_argument('--lossy', action='store_true', help='allow a format that loses quality, '
                         'although the source is lossless')
     parser.add_argument('--compressed', choices=('jpeg', 'png'), default='', help='compress the '
                         'raw images of a new bag; their topic then ends with /compressed')
     return parser
-
-
-def _count(text: str, least: int = 0) -> int:
-    if not text.isdecimal() or int(text) < least:
-        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of {least} or more')
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    return _count(text, least=1)
 
 
 if __name__ == '__main__':

@@ -22,12 +22,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import math
 import sys
 
+from opencv_tools.base.arguments import CommandParser, integer, positive
 from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.base.text import without_password
-from opencv_tools.base.version import CommandParser
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import FORMATS, LEROBOT
 
@@ -120,7 +121,8 @@ def _add_features(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_times(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--fps', type=_fps, metavar='N', help='rows of a second')
+    group.add_argument('--fps', type=partial(integer, least=1, most=1000), metavar='N',
+                       help='rows of a second')
     group.add_argument('--clock', choices=('stamp', 'log'), default='stamp', help=(
         'stamp for the stamps of the headers, log for the times of the recording [%(default)s]'))
     group.add_argument('--align-images', choices=('last', 'nearest'), default='last', help=(
@@ -143,35 +145,17 @@ def _add_work(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--overwrite', action='store_true', help='replace the data set TARGET')
     group.add_argument('--skip-failed', action='store_true',
                        help='write the set without the bags that cannot be converted')
-    group.add_argument('--crf', type=_crf, default=23, metavar='N', help=(
+    group.add_argument('--crf', type=partial(integer, most=51), default=23, metavar='N', help=(
         'quality of the videos, from 0 (best) to 51 (smallest) [%(default)s]'))
-    group.add_argument('--jobs', type=_positive, metavar='N', help=(
+    group.add_argument('--jobs', type=positive, metavar='N', help=(
         'processes on this machine [number of processors]'))
     group.add_argument('--shard', type=_shard, metavar='I/N', help=(
         'convert only each N-th bag, from the I-th on, to TARGET, for --merge'))
     group.add_argument('--ray', metavar='ADDRESS', default='', help=(
         'convert the bags on a Ray cluster, such as auto or 10.0.0.5:6379; local for one that '
         'ends with the command'))
-    group.add_argument('--ray-memory', type=_positive, metavar='MB', default=1000, help=(
+    group.add_argument('--ray-memory', type=positive, metavar='MB', default=1000, help=(
         'memory that Ray reserves for a bag [%(default)s]'))
-
-
-def _number(text: str, least: int, most: int) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) < 10 and least <= int(text) <= most):
-        raise argparse.ArgumentTypeError(f'{text!r} is not an integer from {least} to {most}')
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    return _number(text, 1, 10 ** 9)
-
-
-def _fps(text: str) -> int:
-    return _number(text, 1, 1000)
-
-
-def _crf(text: str) -> int:
-    return _number(text, 0, 51)
 
 
 def _seconds(text: str) -> float:
@@ -195,5 +179,5 @@ def _shard(text: str) -> tuple[int, int]:
     first, slash, count = text.partition('/')
     if not slash:
         raise argparse.ArgumentTypeError(f'{text!r} is not I/N, such as 3/100')
-    shards = _number(count, 1, _MOST_SHARDS)
-    return _number(first, 1, shards), shards
+    shards = integer(count, 1, _MOST_SHARDS)
+    return integer(first, 1, shards), shards

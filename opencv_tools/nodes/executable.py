@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import re
 
+from opencv_tools.base.arguments import CommandParser
 from opencv_tools.base.text import without_password
-from opencv_tools.base.version import CommandParser
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start

@@ -22,13 +22,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 import math
 import sys
 from typing import NoReturn
 
+from opencv_tools.base.arguments import CommandParser, integer
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.base.standard_streams import open_standard_streams
-from opencv_tools.base.version import CommandParser
 
 _LOSSY = 'lossy conversion with --strict'
 _MAX_DIFFERENCES = 50
@@ -80,7 +81,7 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
     _add_xacro_option(parser)
     _add_sdf_options(parser)
     parser.set_defaults(most=_MAX_DIFFERENCES)
-    parser.add_argument('--samples', type=_count, default=20, metavar='N',
+    parser.add_argument('--samples', type=integer, default=20, metavar='N',
                         help='number of random joint positions [%(default)s]')
     parser.add_argument('--all', action='store_true',
                         help='compare all other elements too, such as friction, sensors and '
@@ -121,7 +122,7 @@ def robot_view(argv: Sequence[str] | None = None) -> int:
                         'and no network, instead of a page on this machine')
     parser.add_argument('--no-meshes', dest='meshes', action='store_false',
                         help='leave out meshes, which --html puts into the file')
-    parser.add_argument('--port', type=_port, metavar='N',
+    parser.add_argument('--port', type=partial(integer, most=65535), metavar='N',
                         help='port of the page on this machine; 0 for a free one [8090]')
     _add_xacro_option(parser)
     _add_sdf_options(parser)
@@ -187,18 +188,6 @@ def _joint_position(text: str) -> tuple[str, float]:
     if not name or not math.isfinite(position):
         raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=NUMBER')
     return name, position
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f'{text!r} is not an integer of 0 or more')
-    return int(text)
-
-
-def _port(text: str) -> int:
-    if _count(text) > 65535:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a port from 0 to 65535')
-    return int(text)
 
 
 def _tolerance(text: str) -> float:

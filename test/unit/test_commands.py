@@ -23,7 +23,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from opencv_tools.base.version import package_version
+from opencv_tools.base.arguments import package_version
 import opencv_tools.commands
 import pytest
 from waiting import LONGEST_SECONDS

@@ -30,7 +30,7 @@ import numpy as np
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.schemas import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
-from opencv_tools.base.version import package_version
+from opencv_tools.base.arguments import package_version
 from opencv_tools.image.cdr import (
     message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage, WireMessage)
 from opencv_tools.image.encodings import ENCODINGS

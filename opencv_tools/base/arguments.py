@@ -12,11 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Version of the package, and the command lines that print it."""
+"""Command lines: the version of the package, and numbers in arguments."""
 
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from typing import Any, NoReturn
 
 from opencv_tools.base.text import without_password
@@ -50,3 +51,20 @@ class _PrintVersion(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
         print(f'{parser.prog} {package_version()}')
         parser.exit()
+
+
+def integer(text: str, least: int = 0, most: int | None = None) -> int:
+    """
+    Return an argument as an integer, for `argparse`.
+
+    :param most: None for any number of at most 9 digits.
+    :raises argparse.ArgumentTypeError: it is none from ``least`` to ``most``.
+    """
+    if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) >= least) or (
+            most is not None and int(text) > most):
+        wanted = f'of {least} or more' if most is None else f'from {least} to {most}'
+        raise argparse.ArgumentTypeError(f'{text!r} is not an integer {wanted}')
+    return int(text)
+
+
+positive = partial(integer, least=1)
