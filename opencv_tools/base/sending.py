@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Answers of a server in parts, as fast as the network takes them."""
+"""A server with few connections, and answers in parts, as fast as the network takes them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from opencv_tools.base.regular_files import open_resolved
-from tornado.iostream import StreamClosedError
+from tornado.httpserver import HTTPServer
+from tornado.iostream import IOStream, StreamClosedError
 from tornado.web import HTTPError, RequestHandler
 
 # Time in which an answer, or a part of it, must have been taken by the network.
@@ -32,8 +33,49 @@ _CHUNK = 1 << 18
 _WEBSOCKET = 101  # status of an answer after which the connection is a WebSocket
 
 
+class BoundedServer(HTTPServer):
+    """
+    A server with a limited number of connections.
+
+    A browser opens six. WebSockets do not count.
+    """
+
+    most, most_of_address = 256, 64
+
+    def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
+        """Serve a new connection, or close it."""
+        addresses = [cast(Any, connection.context).remote_ip
+                     for connection in self._connections]
+        if len(addresses) >= self.most or addresses.count(address[0]) >= self.most_of_address:
+            stream.close()
+        else:
+            super().handle_stream(stream, address)
+
+
 class SendingHandler(RequestHandler):
     """A handler whose connections keep little memory, and end if nobody reads them."""
+
+    #: Who may show an answer, and what a text may load.
+    resource_policy = 'same-origin'
+    text_policy = "default-src 'none'; frame-ancestors 'none'"
+
+    def set_default_headers(self) -> None:
+        """Set the headers that protect the page."""
+        self.clear_header('Server')
+        for name, value in (
+                ('X-Content-Type-Options', 'nosniff'), ('Referrer-Policy', 'no-referrer'),
+                ('Cross-Origin-Resource-Policy', self.resource_policy),
+                ('Cache-Control', 'no-store'), ('Content-Security-Policy', self.text_policy)):
+            self.set_header(name, value)
+
+    def write_error(self, status_code: int, **kwargs: Any) -> None:
+        """Write one sentence."""
+        self.set_header('Content-Type', 'text/plain; charset=utf-8')
+        self.finish(f'{self.sentence(status_code, kwargs.get("exc_info", (None, None))[1])}\n')
+
+    def sentence(self, status_code: int, err: BaseException | None) -> str:
+        """Return the sentence for an error."""
+        return f'{status_code}: {self._reason}'
 
     def head(self, *names: str) -> Awaitable[None] | None:
         """Write the header that GET writes."""

@@ -26,9 +26,10 @@ import os
 import socket
 import stat
 from threading import Event, Thread
-from typing import Any, cast
+from typing import Any
 
 from opencv_tools.base.logs import Log
+from opencv_tools.base.sending import BoundedServer
 from opencv_tools.base.text import without_password
 from opencv_tools.viewer.access import Access, AUTOMATIC, check_token, create_token
 from opencv_tools.viewer.calibrate.routes import calibration_routes
@@ -51,8 +52,6 @@ from opencv_tools.viewer.web.web import (
     FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
 from opencv_tools.viewer.web.web_video_server import (
     SnapshotHandler, StreamHandler, StreamViewerHandler)
-from tornado.httpserver import HTTPServer
-from tornado.iostream import IOStream
 from tornado.netutil import bind_sockets
 from tornado.web import Application
 
@@ -123,8 +122,6 @@ _HEADER_SECONDS = 5
 _PING_SECONDS = 20
 _MAX_HEADER_BYTES = 16_384
 _MAX_BODY_BYTES = 4096
-# Connections that are not WebSockets, altogether and of one address; a browser opens six.
-_MAX_CONNECTIONS, _MAX_OF_ADDRESS = 256, 64
 
 
 class ViewerServer:
@@ -216,7 +213,7 @@ class ViewerServer:
             robots = LiveRobots(hub, self._graph.robot, self._calls)
             application = _application(
                 site, calibrations=calibrations, robots=robots, files=PictureFiles())
-            server = _Server(
+            server = BoundedServer(
                 application, ssl_options=self._tls and self._tls.context,
                 max_header_size=_MAX_HEADER_BYTES, max_body_size=_MAX_BODY_BYTES,
                 body_timeout=_HEADER_SECONDS, idle_connection_timeout=_HEADER_SECONDS)
@@ -229,18 +226,6 @@ class ViewerServer:
             robots.close()
             with suppress(asyncio.TimeoutError):  # a request may wait for a frame
                 await asyncio.wait_for(server.close_all_connections(), _CLOSE_SECONDS)
-
-
-class _Server(HTTPServer):
-    """A server with a limited number of connections."""
-
-    def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
-        addresses = [cast(Any, connection.context).remote_ip
-                     for connection in self._connections]
-        if len(addresses) >= _MAX_CONNECTIONS or addresses.count(address[0]) >= _MAX_OF_ADDRESS:
-            stream.close()
-        else:
-            super().handle_stream(stream, address)
 
 
 class _NodeHandler(logging.Handler):

@@ -23,17 +23,14 @@ import os
 from pathlib import Path
 import re
 import signal
-from typing import Any
 
-from opencv_tools.base.sending import SendingHandler
+from opencv_tools.base.sending import BoundedServer, SendingHandler
 from opencv_tools.base.signals import END_SIGNALS
 from opencv_tools.base.text import printable
 from opencv_tools.robot.view.content import Content, read_content, to_json, ViewOptions
 from opencv_tools.robot.view.single_file import INDEX, page_policy, read_page
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
-from tornado.httpserver import HTTPServer
-from tornado.iostream import IOStream
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError
 
@@ -45,7 +42,6 @@ _ANSWER_SECONDS = 20.0  # time after which a page asks again whether there is a 
 _MAX_WATCHED = 2000
 _WATCHED = ('.sdf', '.urdf', '.xacro', '.xml', '.config', '.yaml', '.yml')
 _HEADER_SECONDS, _MAX_BYTES = 5, 16_384
-_MAX_CONNECTIONS = 64  # a browser opens six
 _Signature = frozenset[tuple[str, int, int]]
 
 
@@ -125,25 +121,15 @@ class RobotSite:
 class _Handler(SendingHandler):
     """A handler that refuses foreign names of this machine, and never caches."""
 
+    text_policy = _POLICY
+
     def initialize(self, site: RobotSite) -> None:
         self.site = site
-
-    def set_default_headers(self) -> None:
-        self.clear_header('Server')
-        for name, value in (
-                ('X-Content-Type-Options', 'nosniff'), ('Referrer-Policy', 'no-referrer'),
-                ('Cross-Origin-Resource-Policy', 'same-origin'), ('Cache-Control', 'no-store'),
-                ('Content-Security-Policy', _POLICY)):
-            self.set_header(name, value)
 
     def prepare(self) -> None:
         # A foreign name may be made to resolve to this machine.
         if not _HOST.fullmatch(self.request.headers.get('Host', '')):
             raise HTTPError(403)
-
-    def write_error(self, status_code: int, **kwargs: Any) -> None:
-        self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{status_code}: {self._reason}\n')
 
 
 class _UnknownHandler(_Handler):
@@ -191,16 +177,6 @@ class _MeshHandler(_Handler):
         await self.send_file(mesh.path, mesh.size)
 
 
-class _Server(HTTPServer):
-    """A server with a limited number of connections."""
-
-    def handle_stream(self, stream: IOStream, address: tuple[str, int]) -> None:
-        if len(self._connections) >= _MAX_CONNECTIONS:
-            stream.close()
-        else:
-            super().handle_stream(stream, address)
-
-
 async def serve(options: ViewOptions, port: int, announce: Callable[[str], object]) -> None:
     """
     Serve the page until a signal cancels the task.
@@ -228,8 +204,9 @@ async def serve(options: ViewOptions, port: int, announce: Callable[[str], objec
     except OSError as err:
         raise DescriptionError(f'port {port} cannot be used: {err.strerror}; choose another with '
                                '--port') from err
-    server = _Server(application, max_header_size=_MAX_BYTES, max_body_size=_MAX_BYTES,
-                     idle_connection_timeout=_ANSWER_SECONDS * 2, body_timeout=_HEADER_SECONDS)
+    server = BoundedServer(
+        application, max_header_size=_MAX_BYTES, max_body_size=_MAX_BYTES,
+        idle_connection_timeout=_ANSWER_SECONDS * 2, body_timeout=_HEADER_SECONDS)
     server.add_sockets(sockets)
     announce(f'Open http://localhost:{sockets[0].getsockname()[1]}/ in a browser; Ctrl-C ends the '
              'page')

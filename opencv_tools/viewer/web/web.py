@@ -43,8 +43,6 @@ _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
     "connect-src 'self' ws://{host} wss://{host}; form-action 'self'; frame-src 'self'; "
     "base-uri 'none'; frame-ancestors 'none'")
-# Policy of texts.
-_NO_POLICY = "default-src 'none'; frame-ancestors 'none'"
 
 
 @dataclass(frozen=True)
@@ -86,6 +84,7 @@ class SiteHandler(SendingHandler):
     site: Site
     needs_token = True
     policy = _POLICY
+    resource_policy = 'same-site'
 
     def initialize(self, site: Site) -> None:
         """Store the site."""
@@ -138,21 +137,10 @@ class SiteHandler(SendingHandler):
                             secure=self.site.is_secure,
                             max_age=_COOKIE_SECONDS if self.site.access.is_kept else None)
 
-    def set_default_headers(self) -> None:
-        """Set the headers that protect the page."""
-        self.clear_header('Server')
-        self.set_header('X-Content-Type-Options', 'nosniff')
-        self.set_header('Referrer-Policy', 'no-referrer')
-        self.set_header('Cross-Origin-Resource-Policy', 'same-site')
-        self.set_header('Cache-Control', 'no-store')
-        self.set_header('Content-Security-Policy', _NO_POLICY)
-
-    def write_error(self, status_code: int, **kwargs: Any) -> None:
-        """Write one sentence."""
-        err = kwargs.get('exc_info', (None, None))[1]
+    def sentence(self, status_code: int, err: BaseException | None) -> str:
+        """Return the sentence for an error."""
         message = getattr(err, 'message', _MESSAGES.get(status_code, self._reason))
-        self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(f'{printable(message, 1000)}\n')
+        return printable(message, 1000)
 
     def write_file(self, file: PageFile) -> None:
         """Write a file of the page."""

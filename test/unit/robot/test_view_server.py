@@ -26,8 +26,8 @@ import subprocess
 import sys
 from typing import Any
 
+from opencv_tools.base.sending import BoundedServer
 from opencv_tools.robot.cli import robot_view
-from opencv_tools.robot.view.server import _MAX_CONNECTIONS
 import pytest
 from waiting import communicate, LONGEST_SECONDS, wait_until
 
@@ -261,7 +261,7 @@ def test_limit_of_connections(server: Server) -> None:
     connections = []
     try:
         with pytest.raises((ConnectionError, BadStatusLine)):
-            for _ in range(_MAX_CONNECTIONS + 1):
+            for _ in range(BoundedServer.most_of_address + 1):
                 connection = HTTPConnection('127.0.0.1', server.port, timeout=LONGEST_SECONDS)
                 connections.append(connection)
                 connection.request('GET', '/', headers={'Host': 'localhost'})
@@ -269,7 +269,7 @@ def test_limit_of_connections(server: Server) -> None:
     finally:
         for connection in connections:
             connection.close()
-    assert len(connections) == _MAX_CONNECTIONS + 1
+    assert len(connections) == BoundedServer.most_of_address + 1
 
 
 def test_foreign_hosts_are_refused(shared: Server) -> None:
