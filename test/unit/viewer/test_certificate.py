@@ -50,7 +50,7 @@ def valid_names(path: Path) -> list[tuple[str, str]]:
 def test_certificate_is_created_once(
         has_library: bool, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if has_library:
-        pytest.importorskip('cryptography')
+        pytest.importorskip('cryptography')  # an installed ROS may have none
     else:
         monkeypatch.setitem(sys.modules, 'cryptography.x509', None)
     first, second = (load_tls('auto', '', HOSTS) for _ in range(2))
