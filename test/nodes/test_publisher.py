@@ -244,7 +244,6 @@ def test_paused_capture(start: Start, node: Node) -> None:
     spin_until(node, lambda: len(images) > 3)
     answer = call_service(node, SetBool, '/set_capture', SetBool.Request(data=False))
     assert answer.message == 'paused'
-    paused = node.get_clock().now()
     reports = receive(node, DiagnosticArray, '/diagnostics')
 
     def wait_for_pauses(count: int) -> None:
@@ -252,9 +251,11 @@ def test_paused_capture(start: Start, node: Node) -> None:
         spin_until(node, lambda: [report.status[0].message for report in reports[-count:]]
                    == ['paused'] * count)
 
-    wait_for_pauses(3)  # time for 100 frames without the pause
-    # Frames from before the pause may still wait in the queue of this node.
-    assert all(Time.from_msg(image.header.stamp) < paused for image in images)
+    wait_for_pauses(1)  # the frame that was due at the request is published
+    paused = node.get_clock().now()
+    wait_for_pauses(2)  # time for 100 frames without the pause
+    # Earlier frames may still wait in the queue of this node.
+    assert [image for image in images if Time.from_msg(image.header.stamp) > paused] == []
     assert call_service(node, SetBool, '/set_capture', SetBool.Request(data=True)).success
     spin_until(node, lambda: len(images) > 3)
 
