@@ -111,7 +111,7 @@ def _inherited() -> list[object]:
     return [os.sched_getscheduler(0), *map(signal.getsignal, END_SIGNALS)]
 
 
-_inherited_at_first = _inherited()
+_inherited_before = _inherited()
 
 
 def peak_memory(script: str, *arguments: object) -> int:
@@ -283,8 +283,10 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[Any]:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown() -> Iterator[Any]:
     """Check that a test has changed nothing that later tests and processes would inherit."""
+    global _inherited_before
     result = yield
-    assert _inherited() == _inherited_at_first
+    before, _inherited_before = _inherited_before, _inherited()
+    assert _inherited_before == before
     return result
 
 
