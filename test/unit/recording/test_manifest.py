@@ -20,6 +20,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 import os
 from pathlib import Path
+import re
 import threading
 
 from conftest import read_manifest
@@ -38,6 +39,14 @@ def test_manifest_has_a_line_for_every_file(tmp_path: Path) -> None:
         'seq': 1, 'file': '001.png', 'stamp': {'sec': 1_700_000_001, 'nanosec': 0},
         'receive_time': {'sec': 1_700_000_001, 'nanosec': 5_000_000}, 'frame_id': 'camera',
         'encoding': 'mono8', 'stored_encoding': 'mono8', 'size': [20, 20], 'frames': 1}
+
+
+def test_documented_keys_are_those_of_a_line(tmp_path: Path) -> None:
+    record(tmp_path, 1)
+    page = Path(__file__).parents[3].joinpath('docs', 'recording.md').read_text()
+    table = page.partition('**The manifest.**')[2].partition('| key | meaning |')[2]
+    keys = ' '.join(row.split('|')[1] for row in table.partition('\n\n')[0].splitlines()[2:])
+    assert sorted(re.findall('`([a-z0-9_]+)`', keys)) == sorted(read_manifest(tmp_path)[0])
 
 
 def test_truncated_last_line_is_removed(tmp_path: Path) -> None:
