@@ -227,6 +227,11 @@ def _check_request(request: CalibrateRequest) -> None:
         check_camera_name(request.name)
     except ValueError as err:
         raise ValueError(f'--name is {request.name!r:.80}: {err}') from err
+    _check_sources(request)
+    _check_files(request)
+
+
+def _check_sources(request: CalibrateRequest) -> None:
     if request.source_count > 1:
         raise ValueError(f'{request.source_count} sources are given: give a folder, or put the '
                          "pattern in quotes, as '*.png'")
@@ -238,6 +243,9 @@ def _check_request(request: CalibrateRequest) -> None:
             request.output or request.check or not request.board_pdf):
         raise ValueError('the source is missing: give image files, a folder, a video or a bag, '
                          'or a live topic with --topic')
+
+
+def _check_files(request: CalibrateRequest) -> None:
     if request.check and (request.output or request.is_stereo):
         raise ValueError('--check writes nothing and takes one camera: leave out -o, and --right '
                          'or --right-topic')

@@ -44,6 +44,24 @@ def plan_of(options: Namespace) -> Plan:
         raise DatasetError('--fps is missing: give the rows of a second, such as the rate of the '
                            'cameras')
     is_next = options.action == [NEXT]
+    vectors = _vectors(options, is_next)
+    images = [parse_named(text, 'a camera') for text in options.image]
+    if not images and not vectors:
+        raise DatasetError('nothing is selected: give --image, --state, --action or --vector')
+    for option, text in (('--task', options.task), ('--robot', options.robot)):
+        if not text.isprintable():
+            raise DatasetError(f"{option} '{printable(text)}' is not a printable text")
+    episodes, intervals = _episodes(options.episodes)
+    return Plan(
+        format=options.format, fps=options.fps, images=unique(images), vectors=unique(vectors),
+        next_action=is_next, task=options.task, image_choice=options.align_images,
+        vector_choice=options.align_vectors, clock=options.clock, max_gap=options.max_gap,
+        splits=options.on_gap == 'split', episodes=episodes, intervals=intervals,
+        crf=options.crf, robot_type=options.robot)
+
+
+def _vectors(options: Namespace, is_next: bool) -> list[tuple[str, tuple[NumbersSource, ...]]]:
+    """Return the sources of each feature of numbers, with its name."""
     if is_next and not options.state:
         raise DatasetError('--action next needs --state')
     if NEXT in options.action and not is_next:
@@ -56,24 +74,14 @@ def plan_of(options: Namespace) -> Plan:
             raise DatasetError(f"a feature cannot have the name '{name}', which every data set "
                                'has; give another name')
         vectors.append((name, _sources([source], ())))
-    images = [parse_named(text, 'a camera') for text in options.image]
-    if not images and not vectors:
-        raise DatasetError('nothing is selected: give --image, --state, --action or --vector')
-    for option, text in (('--task', options.task), ('--robot', options.robot)):
-        if not text.isprintable():
-            raise DatasetError(f"{option} '{printable(text)}' is not a printable text")
-    episodes = None
-    intervals: tuple[Interval, ...] = ()
-    if options.episodes.startswith('/') and not options.episodes.endswith('.csv'):
-        episodes = parse_numbers_source(options.episodes)
-    elif options.episodes:
-        intervals = read_intervals(user_path(options.episodes))
-    return Plan(
-        format=options.format, fps=options.fps, images=unique(images), vectors=unique(vectors),
-        next_action=is_next, task=options.task, image_choice=options.align_images,
-        vector_choice=options.align_vectors, clock=options.clock, max_gap=options.max_gap,
-        splits=options.on_gap == 'split', episodes=episodes, intervals=intervals,
-        crf=options.crf, robot_type=options.robot)
+    return vectors
+
+
+def _episodes(text: str) -> tuple[NumbersSource | None, tuple[Interval, ...]]:
+    """Return the topic that begins episodes, or their intervals in a file."""
+    if text.startswith('/') and not text.endswith('.csv'):
+        return parse_numbers_source(text), ()
+    return None, read_intervals(user_path(text)) if text else ()
 
 
 def _sources(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[NumbersSource, ...]:

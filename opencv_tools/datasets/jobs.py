@@ -69,12 +69,7 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
     elif path.is_dir():
         found = [(bag, str(bag.relative_to(path))) for bag in _bags_below(path)]
     else:
-        matches = [Path(match) for match in glob.glob(str(path), recursive=True)]
-        folders = {match for match in matches if match.is_dir() and is_bag(match)}
-        bags = [match for match in matches  # not a folder and its files
-                if match in folders or (is_bag(match) and folders.isdisjoint(match.parents))]
-        root = Path(os.path.commonpath([bag.absolute().parent for bag in bags])) if bags else path
-        found = [(bag, str(bag.absolute().relative_to(root))) for bag in bags]
+        found = _matching_bags(path)
     if not found:
         raise DatasetError(f'{without_password(source)} is no bag, and has none: give a file '
                            f'({", ".join(BAG_SUFFIXES)}), a folder or a pattern')
@@ -82,6 +77,18 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
         raise DatasetError(f'{without_password(source)} has more than {_MOST_BAGS} bags')
     return [Job(bag.absolute(), name, part_folder(parts.absolute(), name))
             for bag, name in sorted(found, key=lambda pair: natural_key(pair[1]))]
+
+
+def _matching_bags(pattern: Path) -> list[tuple[Path, str]]:
+    """Return the bags of a glob pattern, each with its path below the folder of all."""
+    matches = [Path(match) for match in glob.glob(str(pattern), recursive=True)]
+    folders = {match for match in matches if match.is_dir() and is_bag(match)}
+    bags = [match for match in matches  # not a folder and its files
+            if match in folders or (is_bag(match) and folders.isdisjoint(match.parents))]
+    if not bags:
+        return []
+    root = os.path.commonpath([bag.absolute().parent for bag in bags])
+    return [(bag, str(bag.absolute().relative_to(root))) for bag in bags]
 
 
 def _bags_below(folder: Path) -> Iterator[Path]:

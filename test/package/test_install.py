@@ -186,4 +186,5 @@ def test_names_in_architecture_page() -> None:
     for owner, name, path in steps:
         source = root.joinpath('opencv_tools', path).read_text()
         for word in filter(None, (owner, name)):
-            assert re.search(rf'^ *((async )?def|class) {word}\b', source, re.MULTILINE), (path, word)
+            definition = rf'^ *((async )?def|class) {word}\b'
+            assert re.search(definition, source, re.MULTILINE), (path, word)

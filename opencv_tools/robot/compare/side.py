@@ -62,6 +62,12 @@ def _values(element: Element, path: str = '') -> Iterator[tuple[str, Value]]:
         yield path, _value(text) if text else 'present'
     for name, value in attributes.items():
         yield f'{path}@{name}', _value(value)
+    for key, child in _keyed(children):
+        yield from _values(child, f'{path}/{key}')
+
+
+def _keyed(children: Iterable[Element]) -> Iterator[tuple[str, Element]]:
+    """Yield children with their tags, and with names or numbers where these tell them apart."""
     by_tag: dict[str, list[Element]] = {}
     for child in children:
         by_tag.setdefault(local_name(child), []).append(child)
@@ -70,7 +76,7 @@ def _values(element: Element, path: str = '') -> Iterator[tuple[str, Value]]:
         if not all(names) or len(set(names)) < len(names):
             names = [''] if len(siblings) == 1 else list(map(str, range(len(siblings))))
         for name, child in zip(names, siblings):
-            yield from _values(child, f'{path}/{tag}[{name}]' if name else f'{path}/{tag}')
+            yield f'{tag}[{name}]' if name else tag, child
 
 
 def _pose(element: Element) -> tuple[float, ...]:

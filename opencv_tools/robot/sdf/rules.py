@@ -176,14 +176,16 @@ def find_flaw(element: Element) -> str:
     if tag in _TYPES and element.get('type') not in _TYPES[tag]:
         return f'type={element.get("type")!r} is not a type of <{tag}> in SDF'
     text = (element.text or '').strip()
-    if not text or len(element):
-        return ''
+    return _find_wrong_value(element, text) if text and not len(element) else ''
+
+
+def _find_wrong_value(element: Element, text: str) -> str:
     kind = _by_end(_KIND_OF, element) or ''
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
     if kind and not _KINDS[kind][0](text):
         return f'{text!r} is not {_KINDS[kind][1]}'
-    if tag in _RANGES:
+    if element.tag in _RANGES:
         low, high = _by_end(_RANGES, element) or _ANY
         value = _read_number(text)
         if value is not None and (value < low or value > high):

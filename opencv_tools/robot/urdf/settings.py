@@ -171,9 +171,15 @@ def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: li
         found.append(element)
         for leaf in (leaf for each in leaves for leaf in each):
             _remove(leaf)
-    return [holder if copy is None else replace(holder, extension=replace(
-        holder.extension, sdf=copy if len(copy) or copy.attrib or copy.text else None))
-        for holder, copy in zip(holders, copies)]
+    return [_with_sdf(holder, copy) for holder, copy in zip(holders, copies)]
+
+
+def _with_sdf(holder: _Holder, sdf: Element | None) -> _Holder:
+    """Return a holder with another SDF of its extension; None if there was none."""
+    if sdf is None:
+        return holder
+    kept = sdf if len(sdf) or sdf.attrib or sdf.text else None
+    return replace(holder, extension=replace(holder.extension, sdf=kept))
 
 
 def _leaves(owner: Element | None, setting: Setting) -> list[Element]:

@@ -224,17 +224,23 @@ class PageSocket(SocketHandler):
         self._unsubscribe(name)
         if options.held:
             return None  # there is no picture to hold
+        return await self._open_channel(name, options, link)
+
+    async def _open_channel(
+        self, name: str, options: ViewRequest, link: VideoLink,
+    ) -> _Message | None:
+        """Open the channel of a topic; return an error, or None."""
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
         try:
-            stream = await self.site.hub.acquire(name, video=has_video, slow=slow)
+            stream = await self.site.hub.acquire(name, video=options.video, slow=options.slow)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
             self.site.hub.release(stream)  # the page was closed meanwhile
             return None
         self._links[name] = link
-        video = self.site.hub.video(stream, slow) if has_video else None
+        video = self.site.hub.video(stream, options.slow) if options.video else None
         self._channels[name] = VideoChannel(
             video, options, self._codecs, link=link,
             send=lambda viewed: self._send(lambda sequence: pack_video(
