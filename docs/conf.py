@@ -43,7 +43,8 @@ autodoc_default_options = {'members': True, 'show-inheritance': True}
 _PUBLIC = re.findall(r'automodule:: (\S+)', Path(__file__).with_name('api.rst').read_text())
 nitpick_ignore_regex = [
     ('py:.*', rf'(?!(?:{"|".join(_PUBLIC)})\.)\w+\..*'), ('py:.*', r'.*\._\w+'),
-    ('py:.*', 'CameraRequest|CycleError|Matrix|Source|Vector'), ('py:.*', r'.*\.(ElementT|P)')]
+    ('py:.*', 'CameraRequest|CycleError|Matrix|OnBroken|Source|Vector'),
+    ('py:.*', r'.*\.(ElementT|P|T)')]
 
 #: Files of the root folder that are pages here.
 PAGES = {'CONTRIBUTING.md': 'contributing.md', 'CHANGELOG.rst': 'changelog.rst'}
