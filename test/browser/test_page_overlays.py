@@ -312,6 +312,8 @@ def test_hostile_boxes(viewer: Viewer, browser: Browser, camera: Node) -> None:
 def test_boxes_of_a_step_back(viewer: Viewer, browser: Browser, camera: Node) -> None:
     images, detector = Camera(camera, TOPIC), Detector(camera, BOXES)
     page = browser.new_page(f'{viewer.url}?topic={TOPIC}&boxes={BOXES}')
+    images.wait_for_viewer()
+    page.wait_for(f'followed.has({TOPIC!r})')  # from then on, the viewer keeps the frames
     images.show(page, 0, STAMP)
     spin_until(camera, lambda: detector.publisher.get_subscription_count() > 0)
     for number in range(1, 13):  # more than the node keeps for a page
