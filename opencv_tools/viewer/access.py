@@ -20,19 +20,23 @@ from collections.abc import Collection
 from dataclasses import dataclass
 import hmac
 import ipaddress
+import os
 import re
 import secrets
 import socket
+import stat
 from urllib.parse import urlsplit
 
 from opencv_tools.base.text import printable
-from opencv_tools.viewer.errors import RequestError, WrongTokenError
+from opencv_tools.viewer.errors import RequestError, ViewerError, WrongTokenError
 
 #: Value of the parameter ``token`` that creates a token if one is necessary.
 AUTOMATIC = 'auto'
 
 _TOKEN = re.compile(r'[A-Za-z0-9_.~-]{8,200}')
 _TOKEN_BYTES = 18
+_PRIVATE = 0o600
+_MAX_TOKEN_FILE = 1000
 _ORIGIN = re.compile(r'https?://([A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(:[0-9]{1,5})?')
 _HOST = re.compile(r'([A-Za-z0-9._-]{1,253}|\[[0-9A-Fa-f:.]{2,45}\])(?::[0-9]{1,5})?')
 
@@ -204,3 +208,57 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def read_token(path: str) -> str:
+    """
+    Read the token in a file; create a file that is missing, which only its owner can read.
+
+    :param path: file that keeps the token.
+    :returns: the token.
+    :raises ViewerError: others can read the file, or it cannot be used.
+    """
+    try:
+        return _read_token(path)
+    except FileNotFoundError:
+        pass
+    except (OSError, ValueError) as err:
+        raise _token_error(path, err) from err
+    try:
+        return _create_token_file(path)
+    except (OSError, ValueError) as err:
+        raise _token_error(path, err) from err
+
+
+def _read_token(path: str) -> str:
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    with os.fdopen(descriptor, 'rb') as file:
+        state = os.fstat(descriptor)
+        if not stat.S_ISREG(state.st_mode):
+            raise ValueError('it is not a regular file; give the path of a file')
+        if stat.S_IMODE(state.st_mode) & ~_PRIVATE:
+            raise ValueError(f'others can read it (mode {stat.S_IMODE(state.st_mode):o}); '
+                             'run chmod 600, or remove it for a new token')
+        token = file.read(_MAX_TOKEN_FILE).decode(errors='replace').strip()
+    if token in ('', AUTOMATIC):
+        raise ValueError('it has no token; remove it for a new one')
+    try:
+        check_token(token)
+    except ValueError as err:
+        raise ValueError('it has no token: give one line of 8 to 200 letters, digits or - _ . ~, '
+                         'or remove it for a new one') from err
+    return token
+
+
+def _create_token_file(path: str) -> str:
+    token = create_token()
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _PRIVATE)
+    with os.fdopen(descriptor, 'w') as file:
+        file.write(f'{token}\n')
+    return token
+
+
+def _token_error(path: str, err: OSError | ValueError) -> ViewerError:
+    reason = f'{err.strerror}; set token_file to a file that this user can write' if isinstance(
+        err, OSError) else err
+    return ViewerError(f'token_file {path!r} cannot be used: {reason}')

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The server of the viewer, in a thread of its own, and the file that keeps its token."""
+"""The server of the viewer, in a thread of its own."""
 
 from __future__ import annotations
 
@@ -24,14 +24,13 @@ from functools import partial
 import logging
 import os
 import socket
-import stat
 from threading import Event, Thread
 from typing import Any
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.sending import BoundedServer
 from opencv_tools.base.text import without_password
-from opencv_tools.viewer.access import Access, AUTOMATIC, check_token, create_token
+from opencv_tools.viewer.access import Access, read_token
 from opencv_tools.viewer.calibrate.routes import calibration_routes
 from opencv_tools.viewer.calibrate.sessions import Calibrations
 from opencv_tools.viewer.certificate import load_tls
@@ -54,64 +53,6 @@ from opencv_tools.viewer.web.web_video_server import (
     SnapshotHandler, StreamHandler, StreamViewerHandler)
 from tornado.netutil import bind_sockets
 from tornado.web import Application
-
-_PRIVATE = 0o600
-_MAX_BYTES = 1000
-
-
-def read_token(path: str) -> str:
-    """
-    Read the token in a file; create a file that is missing, which only its owner can read.
-
-    :param path: file that keeps the token.
-    :returns: the token.
-    :raises ViewerError: others can read the file, or it cannot be used.
-    """
-    try:
-        return _read(path)
-    except FileNotFoundError:
-        pass
-    except (OSError, ValueError) as err:
-        raise _error(path, err) from err
-    try:
-        return _create(path)
-    except (OSError, ValueError) as err:
-        raise _error(path, err) from err
-
-
-def _read(path: str) -> str:
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(descriptor, 'rb') as file:
-        state = os.fstat(descriptor)
-        if not stat.S_ISREG(state.st_mode):
-            raise ValueError('it is not a regular file; give the path of a file')
-        if stat.S_IMODE(state.st_mode) & ~_PRIVATE:
-            raise ValueError(f'others can read it (mode {stat.S_IMODE(state.st_mode):o}); '
-                             'run chmod 600, or remove it for a new token')
-        token = file.read(_MAX_BYTES).decode(errors='replace').strip()
-    if token in ('', AUTOMATIC):
-        raise ValueError('it has no token; remove it for a new one')
-    try:
-        check_token(token)
-    except ValueError as err:
-        raise ValueError('it has no token: give one line of 8 to 200 letters, digits or - _ . ~, '
-                         'or remove it for a new one') from err
-    return token
-
-
-def _create(path: str) -> str:
-    token = create_token()
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _PRIVATE)
-    with os.fdopen(descriptor, 'w') as file:
-        file.write(f'{token}\n')
-    return token
-
-
-def _error(path: str, err: OSError | ValueError) -> ViewerError:
-    reason = f'{err.strerror}; set token_file to a file that this user can write' if isinstance(
-        err, OSError) else err
-    return ViewerError(f'token_file {path!r} cannot be used: {reason}')
-
 
 _ENCODERS = 2
 _END_SECONDS = 5.0

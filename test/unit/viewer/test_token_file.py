@@ -21,8 +21,8 @@ from pathlib import Path
 import re
 import stat
 
+from opencv_tools.viewer.access import read_token
 from opencv_tools.viewer.errors import ViewerError
-from opencv_tools.viewer.server import read_token
 import pytest
 
 
