@@ -27,6 +27,7 @@ from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.transport.fastdds.profile import configured_fastdds
+from opencv_tools.video.settings import VideoSettings
 
 __all__ = ['Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber', 'LoanedFrame',
-           'RectificationError', 'configured_fastdds', 'main', 'run_filter']
+           'RectificationError', 'VideoSettings', 'configured_fastdds', 'main', 'run_filter']

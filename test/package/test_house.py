@@ -168,6 +168,16 @@ def test_page_of_the_viewer_has_at_most_3000_lines() -> None:
     assert sum(lines) <= 3000
 
 
+def test_documents_import_public_modules_only() -> None:
+    public = re.findall(r'automodule:: (\S+)', (ROOT / 'docs' / 'api.rst').read_text())
+    assert 5 < len(public) < 16
+    pages = [ROOT / 'README.md', *(ROOT / 'docs').glob('*.md'), *(ROOT / 'examples').glob('*.py')]
+    imported = {name: path.name for path in pages if path.name != 'demo.py' for name in re.findall(
+        r'^(?:from|import) (opencv_tools\S*)', path.read_text(), re.MULTILINE)}
+    assert len(imported) > 4
+    assert {name: page for name, page in imported.items() if name not in public} == {}
+
+
 def test_functions_have_at_most_50_lines() -> None:
     lengths = facts_of_the_package().lengths
     assert len(lengths) > 1000
