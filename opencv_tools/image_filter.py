@@ -23,12 +23,13 @@ from pathlib import Path
 import sys
 from typing import Any
 
+import yaml
+
 from opencv_tools.base.logs import Log
 from opencv_tools.base.progress import Progress
 from opencv_tools.base.rate_limit import MAX_RATE
 from opencv_tools.frames.frame import check_target, Frame
-from opencv_tools.frames.image_function import ImageFunction
-from opencv_tools.frames.node import FrameNode
+from opencv_tools.frames.node import FrameNode, ImageFunction
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
@@ -37,7 +38,6 @@ from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_pa
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.transport.scheduling import use_priority
-import yaml
 
 
 @dataclass(frozen=True, kw_only=True)

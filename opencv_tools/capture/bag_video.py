@@ -21,12 +21,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from opencv_tools.capture.frame import VIDEO
 from opencv_tools.image.cdr import (
     cdr_to_compressed_image, COMPRESSED_IMAGE, IMAGE, WireCompressedImage)
 from opencv_tools.image.errors import CdrError, ImageError
+from opencv_tools.video.decoder import NumberedDecoder
 from opencv_tools.video.messages import cdr_to_video, VIDEO_TOPICS, WireVideo
-from opencv_tools.video.numbered_decoder import NumberedDecoder
 from opencv_tools.video.parameter_sets import is_key_frame
 
 # Skipped packets that wait until a later one is read; more are decoded.

@@ -20,10 +20,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
+from opencv_tools.video.decoder import NumberedDecoder
 from opencv_tools.video.last_sets import LastSets
-from opencv_tools.video.numbered_decoder import NumberedDecoder
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import (
     h264_frame_number, is_key_frame, length_prefixed_to_annexb, picture_size, read_extradata)

@@ -25,17 +25,17 @@ from pathlib import Path
 import stat
 
 import cv2
+
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
 from opencv_tools.base.text import MAX_PATH, printable
-from opencv_tools.capture.av_stream import open_stream, STREAM_SCHEMES
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource
 from opencv_tools.capture.output_image import OutputImage, OutputSettings
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
-from opencv_tools.capture.stream import OpenCvStream, StreamSource
+from opencv_tools.capture.stream import open_stream, OpenCvStream, STREAM_SCHEMES, StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import check_url, frame_count, open_video, VideoSource

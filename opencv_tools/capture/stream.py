@@ -12,25 +12,135 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Network streams as a source."""
+"""Network streams as a source, by PyAV or OpenCV."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
+import math
+import os
 from threading import Condition, Thread
 import time
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import cv2
-from opencv_tools.base.text import without_password
-from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
-from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.video import describe_video, video_rate
 
+from opencv_tools.base.text import without_password
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import CapturedFrame, live_frame, MAX_RATE
+from opencv_tools.capture.live_video import LiveVideo
+from opencv_tools.capture.video import describe_failure, describe_video, video_rate
+from opencv_tools.image.errors import ImageError, VideoError
+from opencv_tools.image.image_size import check_size, MAX_PIXELS
+from opencv_tools.video.pixels import to_bgr
+from opencv_tools.video.settings import import_av
+
+#: Schemes of URLs that are streams, never files.
+STREAM_SCHEMES = ('rtsp', 'rtsps', 'rtmp', 'rtmps', 'rtp', 'srt', 'tcp', 'udp')
+
+# Options of FFmpeg as 'name;value|name;value', which OpenCV reads too, and its default.
+_VARIABLE = 'OPENCV_FFMPEG_CAPTURE_OPTIONS'
+_DEFAULT = 'rtsp_transport;tcp'
 # Packets of video that wait to be read, and their bytes. The others are missed.
 _MAX_WAITING = 120
 _MAX_WAITING_BYTES = 1 << 26
+
+
+class AvStream:
+    """
+    A stream that PyAV reads.
+
+    H.264 without reordered pictures (B frames) is not decoded. ``missed`` counts the packets that
+    could not be used.
+    """
+
+    def __init__(self, container: Any, stream: Any) -> None:
+        """
+        Wrap an open stream.
+
+        :param container: container that PyAV has opened.
+        :raises VideoError: the header of the stream is damaged.
+        """
+        self._container, self._stream = container, stream
+        context = stream.codec_context
+        self.needs_every = context.name == 'h264' and not context.has_b_frames
+        rate = float(stream.average_rate or stream.guessed_rate or 0)
+        self.rate = rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
+        self._video = LiveVideo(bytes(context.extradata or b'') if self.needs_every else b'')
+        self._damaged = 0
+        self.description = (f'{"H264 " * self.needs_every}{context.width}x{context.height} at '
+                            f'{self.rate:g} Hz')
+
+    @property
+    def missed(self) -> int:
+        """Count of the packets that could not be used."""
+        return self._video.missed + self._damaged
+
+    def frames(self) -> Iterator[CapturedFrame]:
+        """Yield the packets of H.264, or the images of another codec."""
+        with suppress(import_av().error.FFmpegError):  # it ended, or sent nothing in time
+            for packet in self._container.demux(self._stream):
+                if not self.needs_every:
+                    yield from self._images(packet)
+                elif packet.size:  # not at the end
+                    yield from self._packet(packet)
+
+    def lose(self) -> None:
+        """Count the last packet as missed, and yield a key frame next."""
+        self._video.lose(1)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._container.close()
+
+    def _packet(self, packet: Any) -> Iterator[CapturedFrame]:
+        stamp_ns = time.monotonic_ns()
+        if packet.is_corrupt:
+            self._video.lose(1)
+            return
+        picture = self._video.add(bytes(packet))
+        if picture:
+            yield live_frame(picture, stamp_ns)
+
+    def _images(self, packet: Any) -> Iterator[CapturedFrame]:
+        try:
+            for frame in packet.decode():
+                check_size(frame.width, frame.height, MAX_PIXELS)
+                yield CapturedFrame(to_bgr(frame), 'bgr8', time.monotonic_ns())
+        except (import_av().error.FFmpegError, ImageError, ValueError):
+            self._damaged += 1
+
+
+def open_stream(url: str, timeout: float) -> AvStream | None:
+    """
+    Open a stream.
+
+    :param url: URL with one of ``STREAM_SCHEMES``.
+    :param timeout: timeout in seconds for opening the stream and for reading from it.
+    :returns: the stream; None without PyAV.
+    :raises CaptureError: the stream cannot be opened, or has no video.
+    """
+    try:
+        av = import_av()
+    except VideoError:
+        return None
+    if av.logging.get_level() is not None:  # PyAV before 14 writes the log of FFmpeg to stderr
+        av.logging.set_level(av.logging.PANIC)
+    pairs = (pair.partition(';') for pair in os.environ.get(_VARIABLE, _DEFAULT).split('|'))
+    try:
+        container = av.open(url, options={name: value for name, _, value in pairs if name},
+                            timeout=timeout)
+    except (av.error.FFmpegError, OSError, ValueError) as err:
+        raise CaptureError(describe_failure(url)) from err
+    try:
+        if container.streams.video:
+            return AvStream(container, container.streams.video[0])
+    except VideoError:
+        pass  # the error is the same
+    container.close()
+    raise CaptureError(describe_failure(url))
 
 
 class OpenStream(Protocol):

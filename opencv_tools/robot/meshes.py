@@ -12,20 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Closed triangle meshes: their files, and their volumes and moments of inertia."""
+"""Volumes and moments of inertia: shapes of the formats, and triangle meshes in files."""
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+import math
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 from opencv_tools.base.regular_files import read_regular
-from opencv_tools.robot.geometry import Mesh
-from opencv_tools.robot.solids import NoSolidError, Solid
+from opencv_tools.robot.geometry import Geometry, Mesh
+from opencv_tools.robot.pose import Tensor, Vector
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,6 +37,77 @@ MAX_BYTES = 50_000_000
 _VERTEX = re.compile(rb'^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$', re.MULTILINE)
 _ROUNDING = 1e-12
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
+
+
+class NoSolidError(ValueError):
+    """The volume of a shape cannot be computed."""
+
+
+class Solid(NamedTuple):
+    """
+    A body of constant density.
+
+    :param volume: in m3.
+    :param moments: ixx, ixy, ixz, iyy, iyz, izz about the centre for a mass of 1 kg, in m2.
+    :param centre: centre of mass in the frame of the shape, in m.
+    """
+
+    volume: float
+    moments: Tensor
+    centre: Vector = (0.0, 0.0, 0.0)
+
+
+def solid_of(geometry: Geometry) -> Solid:
+    """Return the solid of a box, sphere, cylinder or capsule."""
+    return _SOLIDS[type(geometry).__name__.lower()](*vars(geometry).values())
+
+
+def ellipsoid(x: float, y: float, z: float) -> Solid:
+    """Return the solid of an ellipsoid with three radii."""
+    moments = (y * y + z * z) / 5, 0.0, 0.0, (x * x + z * z) / 5, 0.0, (x * x + y * y) / 5
+    return Solid(4 / 3 * math.pi * x * y * z, moments)
+
+
+def cone(radius: float, length: float) -> Solid:
+    """Return the solid of a cone whose tip points along z and whose origin is halfway up."""
+    across = 0.0375 * (4 * radius * radius + length * length)
+    return Solid(math.pi * radius * radius * length / 3, _round(across, 0.3 * radius * radius),
+                 (0.0, 0.0, -length / 4))
+
+
+def _round(across: float, around: float) -> Tensor:
+    return across, 0.0, 0.0, across, 0.0, around
+
+
+def _box(size: Vector) -> Solid:
+    x, y, z = size
+    return Solid(x * y * z, ((y * y + z * z) / 12, 0.0, 0.0, (x * x + z * z) / 12, 0.0,
+                             (x * x + y * y) / 12))
+
+
+def _sphere(radius: float) -> Solid:
+    return ellipsoid(radius, radius, radius)
+
+
+def _cylinder(radius: float, length: float) -> Solid:
+    across = (3 * radius * radius + length * length) / 12
+    return Solid(math.pi * radius * radius * length, _round(across, radius * radius / 2))
+
+
+def _capsule(radius: float, length: float) -> Solid:
+    """Return a cylinder with two hemispheres, whose centres are 3/8 radius from its ends."""
+    cylinder = _cylinder(radius, length)
+    sphere = _sphere(radius).volume
+    volume = cylinder.volume + sphere
+    share = sphere / volume if volume else 0.0
+    ends = 0.4 * radius * radius + length * length / 4 + 0.375 * radius * length
+    across = (1 - share) * cylinder.moments[0] + share * ends
+    around = (1 - share) * cylinder.moments[5] + share * 0.4 * radius * radius
+    return Solid(volume, _round(across, around))
+
+
+_SOLIDS: Mapping[str, Callable[..., Solid]] = {
+    'box': _box, 'sphere': _sphere, 'cylinder': _cylinder, 'capsule': _capsule}
 
 
 def mesh_solid(mesh: Mesh, folders: Sequence[Path]) -> Solid:

@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import KeyFrameNeeded, SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS, MAX_VIDEO_PIXELS
@@ -30,12 +31,49 @@ from opencv_tools.video.parameter_sets import (
 from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import import_av
 
+if TYPE_CHECKING:
+    from opencv_tools.video.decoder import VideoDecoder
 _DECODERS = {'h264': 'h264', 'h265': 'hevc', 'av1': 'libdav1d'}
 # Otherwise FFmpeg shows most pictures of H.265 whose end is missing.
 _OPTIONS = {'h265': {'err_detect': 'explode'}}
 # Largest number of frames of AV1 in a packet, of which one is shown.
 _MAX_FRAMES = 16
 _BLOCK = 64  # largest multiple to which a coder pads a side, in pixels
+
+
+class NumberedDecoder:
+    """Decode the packets of a publisher. A missing one costs those until the next key frame."""
+
+    def __init__(self, max_pixels: int = MAX_PIXELS) -> None:
+        """
+        Create a decoder that waits for a key frame.
+
+        :param max_pixels: maximum number of pixels of a picture.
+        """
+        self._max_pixels = max_pixels
+        self._decoder: VideoDecoder | None = None
+        self._codec = ''
+        self._number = 0  # of the last packet
+
+    def decode(self, codec: str, data: bytes, number: int, size: tuple[int, int] | None = None,
+               ) -> NDArray[np.uint8]:
+        """
+        Decode a packet, as `VideoDecoder`.
+
+        :param codec: one of ``CODECS``.
+        :param number: number that the publisher gave it; 0 if unknown.
+        :raises KeyFrameNeeded: the packet needs earlier packets, which are missing.
+        :raises VideoError: the packet is damaged, is not one picture, or has too many pixels.
+        """
+        # It needs OpenCV, which subscriptions and bags without video do not need.
+        from opencv_tools.video.decoder import VideoDecoder
+        is_next = not number or number == self._number + 1
+        if self._decoder is None or self._codec != codec:
+            self._decoder, self._codec = VideoDecoder(codec, self._max_pixels), codec
+        if not is_next:
+            self._decoder.interrupt()
+        self._number = number
+        return self._decoder.decode(data, size)
 
 
 class VideoDecoder:

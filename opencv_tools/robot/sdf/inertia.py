@@ -24,11 +24,10 @@ from pathlib import Path
 
 from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.kinematics import Kinematics
-from opencv_tools.robot.meshes import mesh_solid
+from opencv_tools.robot.meshes import cone, ellipsoid, mesh_solid, NoSolidError, Solid, solid_of
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Shape
 from opencv_tools.robot.pose import Pose, rotated_tensor
 from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, flag, number_of
-from opencv_tools.robot.solids import cone, ellipsoid, NoSolidError, Solid, solid_of
 from opencv_tools.robot.xml.document import DescriptionError, detached, Element
 from opencv_tools.robot.xml.numbers import vector
 from opencv_tools.robot.xml.report import Report

@@ -35,9 +35,9 @@ from xml.dom import minidom
 
 from opencv_tools.base.regular_files import describe_kind
 from opencv_tools.base.remedies import installation
-from opencv_tools.robot.xacro.document import LocatedBuilder, location_of, to_text
 from opencv_tools.robot.xacro.errors import (
-    one_line, os_error, PACKAGE_MARKER, to_description_error, XacroProblem)
+    LocatedBuilder, location_of, one_line, os_error, PACKAGE_MARKER, to_description_error,
+    to_text, XacroProblem)
 from opencv_tools.robot.xml.document import DescriptionError, parse
 from opencv_tools.robot.xml.input import display_name, read_bytes
 from opencv_tools.robot.xml.report import Report, SourceLine

@@ -23,15 +23,17 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
 from opencv_tools.base.text import printable
 from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.compressed import parse_format
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CodecError, ImageError
-from opencv_tools.image.exif import is_sideways, jpeg_orientation, reversed_axes, turn_upright
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
+from opencv_tools.image.orientation import (
+    is_sideways, jpeg_orientation, reversed_axes, turn_upright)
 from opencv_tools.image.picture_formats import MAX_SIDES
 from opencv_tools.image_codecs import check_complete, convert_image
 from opencv_tools.viewer.errors import MAX_MESSAGE

@@ -21,12 +21,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireDisparity, WireImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding, lossy_codec
 from opencv_tools.image.encodings import Encoding, find_encoding
-from opencv_tools.image.exif import jpeg_orientation, turn_upright
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.orientation import jpeg_orientation, turn_upright
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.viewer.streams.compressed_depth import (
     decode_compressed_depth, is_compressed_depth, Quantisation)

@@ -22,19 +22,19 @@ from threading import Thread
 
 import av
 import numpy as np
-from opencv_tools.capture import av_stream, source, stream
-from opencv_tools.capture.av_stream import open_stream
-from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
-from opencv_tools.capture.frame import CapturedFrame, VIDEO
-from opencv_tools.capture.stream import StreamSource
-from opencv_tools.image.errors import VideoError
-from opencv_tools.video.bit_stream import nal_units, START_CODE
-from opencv_tools.video.parameter_sets import parameter_sets
-from opencv_tools.video.settings import VideoSettings
 import pytest
 from video_packets import draw, encoded, PERIOD_NS
 from video_servers import free_port, VideoServer
 from waiting import join, LONGEST_SECONDS, wait_until
+
+from opencv_tools.capture import source, stream
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
+from opencv_tools.capture.frame import CapturedFrame, VIDEO
+from opencv_tools.capture.stream import open_stream, StreamSource
+from opencv_tools.image.errors import VideoError
+from opencv_tools.video.bit_stream import nal_units, START_CODE
+from opencv_tools.video.parameter_sets import parameter_sets
+from opencv_tools.video.settings import VideoSettings
 
 COUNT = 60
 DELIMITER = START_CODE + b'\x09\xf0'  # MPEG-TS adds it where it is missing
@@ -210,7 +210,7 @@ def test_opencv_decodes_without_pyav(
     def fail() -> None:
         raise VideoError('videos need PyAV')
 
-    monkeypatch.setattr(av_stream, 'import_av', fail)
+    monkeypatch.setattr(stream, 'import_av', fail)
     opened = connect(serve(groups(COUNT, 30), pause=0.01))
     assert not opened.needs_every
     found = read_all(opened)
@@ -232,7 +232,7 @@ def test_options_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
         opened.append((url, keywords))
         raise OSError('refused')
 
-    monkeypatch.setattr(av_stream.import_av(), 'open', refuse)
+    monkeypatch.setattr(stream.import_av(), 'open', refuse)
     url = f'tcp://127.0.0.1:{free_port()}'
     with pytest.raises(CaptureError):
         open_stream(url, 3.0)

@@ -21,25 +21,26 @@ from contextlib import suppress
 
 from conftest import spin_until
 import numpy as np
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import Header
+from video_receiver import Receiver
+
 from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.errors import CdrError, KeyFrameNeeded
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import read_definition
 from opencv_tools.topics.frame_topics import VideoTopics
-from opencv_tools.topics.video_decoding import VideoDecoding
+from opencv_tools.topics.image_source import VideoDecoding
 from opencv_tools.video import stream
+from opencv_tools.video.decoder import NumberedDecoder
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import (
     cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, video_to_cdr, VIDEO_TOPICS, WireVideo)
-from opencv_tools.video.numbered_decoder import NumberedDecoder
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets
 from opencv_tools.video.settings import VideoSettings
-import pytest
-from rclpy.node import Node
-from std_msgs.msg import Header
-from video_receiver import Receiver
 
 Subscribe = Callable[..., tuple[FrameSubscriber, list[Frame]]]
 TYPES = [*VIDEO_TOPICS]
