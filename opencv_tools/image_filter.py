@@ -23,8 +23,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-import yaml
-
 from opencv_tools.base.logs import Log
 from opencv_tools.base.progress import Progress
 from opencv_tools.base.rate_limit import MAX_RATE
@@ -38,6 +36,7 @@ from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_pa
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.transport.scheduling import use_priority
+import yaml
 
 
 @dataclass(frozen=True, kw_only=True)

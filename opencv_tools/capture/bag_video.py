@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.capture.frame import VIDEO
 from opencv_tools.image.cdr import (
     cdr_to_compressed_image, COMPRESSED_IMAGE, IMAGE, WireCompressedImage)

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.video.decoder import NumberedDecoder

@@ -25,7 +25,6 @@ from pathlib import Path
 import stat
 
 import cv2
-
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
 from opencv_tools.base.text import MAX_PATH, printable

@@ -26,7 +26,6 @@ import time
 from typing import Any, Literal, Protocol
 
 import cv2
-
 from opencv_tools.base.text import without_password
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, live_frame, MAX_RATE

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.cv_bridge import CvBridgeError
 from opencv_tools.frames.frame import Frame
 from opencv_tools.frames.loan import LoanedFrame

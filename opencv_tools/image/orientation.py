@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ConversionError
 from opencv_tools.image.jpeg import jpeg_segment

@@ -19,8 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import time
 
-from rclpy.qos import DurabilityPolicy, QoSProfile
-
 from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.encodings import find_encoding
@@ -34,6 +32,7 @@ from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
 from opencv_tools.topics.topic_discovery import ImageTopic, TopicDiscovery
 from opencv_tools.video.decoder import NumberedDecoder
 from opencv_tools.video.messages import WireVideo
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 _BGR = find_encoding('bgr8')
 _MAX_PUBLISHERS = 8  # with a decoder of their own

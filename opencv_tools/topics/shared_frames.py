@@ -18,10 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence, Set
 
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import deserialize_message
-from std_msgs.msg import String
-
 from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import IMAGE
 from opencv_tools.topics.image_source import ImageSource, VideoDecoding
@@ -37,6 +33,9 @@ from opencv_tools.transport.shared_frames.header import publisher_identity
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH, NOT_SHARED, process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.publisher import can_share
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
 
 MAX_PUBLISHERS = 64
 # Bytes of an identifier that are the same for all publishers of a process.

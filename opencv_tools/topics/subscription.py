@@ -22,13 +22,6 @@ from threading import current_thread, Lock, RLock, Thread
 import time
 from typing import NamedTuple
 
-from rclpy.exceptions import InvalidHandle
-from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
-from rclpy.subscription import Subscription
-from rclpy.timer import Timer
-from sensor_msgs.msg import CameraInfo
-
 from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics.events import destroyable
@@ -39,6 +32,12 @@ from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.topics.shared_frames import FrameSources
 from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.topics.topic_discovery import TopicDiscovery
+from rclpy.exceptions import InvalidHandle
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from sensor_msgs.msg import CameraInfo
 
 # Successive checks with frames of several publishers. A publisher that starts again overlaps with
 # its former one for one check.

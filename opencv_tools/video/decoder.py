@@ -16,11 +16,10 @@
 
 from __future__ import annotations
 
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import KeyFrameNeeded, SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS, MAX_VIDEO_PIXELS
@@ -28,11 +27,8 @@ from opencv_tools.video.bit_stream import obus
 from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.parameter_sets import (
     AV1_FRAMES, check_codec, h264_frame_number, is_key_frame, sequence_headers)
-from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import import_av
 
-if TYPE_CHECKING:
-    from opencv_tools.video.decoder import VideoDecoder
 _DECODERS = {'h264': 'h264', 'h265': 'hevc', 'av1': 'libdav1d'}
 # Otherwise FFmpeg shows most pictures of H.265 whose end is missing.
 _OPTIONS = {'h265': {'err_detect': 'explode'}}
@@ -65,8 +61,6 @@ class NumberedDecoder:
         :raises KeyFrameNeeded: the packet needs earlier packets, which are missing.
         :raises VideoError: the packet is damaged, is not one picture, or has too many pixels.
         """
-        # It needs OpenCV, which subscriptions and bags without video do not need.
-        from opencv_tools.video.decoder import VideoDecoder
         is_next = not number or number == self._number + 1
         if self._decoder is None or self._codec != codec:
             self._decoder, self._codec = VideoDecoder(codec, self._max_pixels), codec
@@ -177,6 +171,8 @@ class VideoDecoder:
             self._frame_number = number
 
     def _decode(self, data: bytes) -> NDArray[np.uint8]:
+        # It needs OpenCV, which subscriptions and bags without video do not need.
+        from opencv_tools.video.pixels import to_bgr
         av = self._av
         packet = av.Packet(data)
         self._number += 1

@@ -25,12 +25,6 @@ from typing import Any
 from conftest import NodeProcess
 import cv2
 import numpy as np
-import pytest
-from rclpy.node import Node
-from video_packets import packets
-from viewing import address_of, fetch, Page, publishing, run_page
-from waiting import pause_loop, until
-
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.topics.qos import create_frame_publisher
 from opencv_tools.transport.message_type import message_type
@@ -39,6 +33,11 @@ from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET, video_t
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import webcodecs_name
 from opencv_tools.viewer.protocol import unpack_video
+import pytest
+from rclpy.node import Node
+from video_packets import packets
+from viewing import address_of, fetch, Page, publishing, run_page
+from waiting import pause_loop, until
 
 Start = Callable[..., NodeProcess]
 

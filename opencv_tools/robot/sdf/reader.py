@@ -23,7 +23,6 @@ import math
 from pathlib import Path
 
 from lxml import etree
-
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, SDF_TYPES
 from opencv_tools.robot.kinematics import check_mimic_cycles, cycle_text, Kinematics, resolve_chain
 from opencv_tools.robot.model import (

@@ -26,7 +26,6 @@ from dataclasses import replace
 import math
 
 from lxml import etree
-
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import check_mimic_cycles

@@ -23,7 +23,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.base.text import printable
 from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage

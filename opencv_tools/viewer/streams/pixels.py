@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireDisparity, WireImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding, lossy_codec

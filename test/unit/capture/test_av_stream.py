@@ -22,11 +22,6 @@ from threading import Thread
 
 import av
 import numpy as np
-import pytest
-from video_packets import draw, encoded, PERIOD_NS
-from video_servers import free_port, VideoServer
-from waiting import join, LONGEST_SECONDS, wait_until
-
 from opencv_tools.capture import source, stream
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, VIDEO
@@ -35,6 +30,10 @@ from opencv_tools.image.errors import VideoError
 from opencv_tools.video.bit_stream import nal_units, START_CODE
 from opencv_tools.video.parameter_sets import parameter_sets
 from opencv_tools.video.settings import VideoSettings
+import pytest
+from video_packets import draw, encoded, PERIOD_NS
+from video_servers import free_port, VideoServer
+from waiting import join, LONGEST_SECONDS, wait_until
 
 COUNT = 60
 DELIMITER = START_CODE + b'\x09\xf0'  # MPEG-TS adds it where it is missing

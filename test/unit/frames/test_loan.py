@@ -24,12 +24,6 @@ from typing import Any
 from conftest import spin_until
 import cv2
 import numpy as np
-import pytest
-from rclpy.node import Node
-from sharing import picture
-from std_msgs.msg import Header
-from waiting import wait_until
-
 from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
 from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.frames.node import ImageFunction
@@ -39,6 +33,11 @@ from opencv_tools.transport.shared_frames.memory import FrameMemory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.writer import MAX_LOANS
 from opencv_tools.transport.zero_copy import publish_image
+import pytest
+from rclpy.node import Node
+from sharing import picture
+from std_msgs.msg import Header
+from waiting import wait_until
 
 pytest.importorskip('iceoryx2')
 

@@ -16,13 +16,12 @@
 
 from __future__ import annotations
 
-from hypothesis import strategies
 import hypothesis
+from hypothesis import strategies
 from images import oriented_jpeg, UPRIGHT
 import numpy as np
-import pytest
-
 from opencv_tools.image.orientation import is_sideways, jpeg_orientation, turn_upright
+import pytest
 
 IMAGE = np.arange(6 * 4 * 3, dtype=np.uint8).reshape(6, 4, 3)
 XMP = b'\xff\xe1\x00\x0dhttp://ns.a'

@@ -25,8 +25,6 @@ from typing import Any
 
 from lxml import etree
 from matplotlib.text import Text
-import pytest
-
 from opencv_tools.robot.cli import robot_frames
 from opencv_tools.robot.convert import convert_to_urdf
 from opencv_tools.robot.drawing import conventions
@@ -37,6 +35,7 @@ from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import Axis, FrameId, Joint, Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.xml.report import Report
+import pytest
 
 ROOT = Path(__file__).parents[3]
 # Both joints are away from their links.

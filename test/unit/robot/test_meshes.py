@@ -24,14 +24,13 @@ import struct
 
 import numpy as np
 from numpy.typing import NDArray
-import pytest
-
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Box, Mesh
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.meshes import mesh_solid, NoSolidError, solid_of
 from opencv_tools.robot.xml.document import to_bytes
 from opencv_tools.robot.xml.report import Report
+import pytest
 
 # A box of 1, 2 and 3 m whose centre is at 10, 20 and 30 m, as polygons seen from outside.
 SIZE, CENTRE = (1.0, 2.0, 3.0), (10.0, 20.0, 30.0)

@@ -17,10 +17,6 @@
 from __future__ import annotations
 
 from lxml import etree
-import pytest
-from rows import each_row
-from sdf_models import HALF, joint, near, read, TWO, with_axis, written
-
 from opencv_tools.robot.geometry import Capsule
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -28,6 +24,9 @@ from opencv_tools.robot.model import (
 from opencv_tools.robot.pose import Pose, Vector
 from opencv_tools.robot.sdf.reader import mark_loops, read_sdf
 from opencv_tools.robot.xml.report import Report
+import pytest
+from rows import each_row
+from sdf_models import HALF, joint, near, read, TWO, with_axis, written
 
 
 def loops(*pairs: str, canonical: str = '') -> list[bool]:

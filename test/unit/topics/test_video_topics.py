@@ -21,11 +21,6 @@ from contextlib import suppress
 
 from conftest import spin_until
 import numpy as np
-import pytest
-from rclpy.node import Node
-from std_msgs.msg import Header
-from video_receiver import Receiver
-
 from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.errors import CdrError, KeyFrameNeeded
@@ -41,6 +36,10 @@ from opencv_tools.video.messages import (
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets
 from opencv_tools.video.settings import VideoSettings
+import pytest
+from rclpy.node import Node
+from std_msgs.msg import Header
+from video_receiver import Receiver
 
 Subscribe = Callable[..., tuple[FrameSubscriber, list[Frame]]]
 TYPES = [*VIDEO_TOPICS]

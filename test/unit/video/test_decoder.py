@@ -27,7 +27,7 @@ from conftest import PRINT_PEAK_MEMORY
 from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
-from opencv_tools.video import decoder as decoder_module
+from opencv_tools.video import pixels
 from opencv_tools.video.bit_stream import obu
 from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.packet import CODECS
@@ -157,7 +157,7 @@ def test_sizes_after_the_picture_are_checked() -> None:
 
 
 def test_damaged_picture_is_not_converted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(decoder_module, 'to_bgr', lambda frame: pytest.fail('it was converted'))
+    monkeypatch.setattr(pixels, 'to_bgr', lambda frame: pytest.fail('it was converted'))
     data = packets('h264')[0].data
     with pytest.raises(VideoError, match='bytes of h264 are damaged'):
         VideoDecoder('h264').decode(data[:-len(data) // 4])
