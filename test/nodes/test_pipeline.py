@@ -21,7 +21,7 @@ from pathlib import Path
 import re
 
 from conftest import CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_pictures
-from images import draw_pattern
+from images import draw_pattern, find_numbers
 import numpy as np
 import pytest
 
@@ -65,16 +65,6 @@ def test_best_effort_frames_are_recorded_or_lost(
     assert received == written == len(numbers)
     first = numbers[0] if 'since the first received frame' in subscriber.output else 0
     assert received + lost == numbers[-1] - first + 1
-
-
-def find_numbers(pictures: list[np.ndarray]) -> list[int]:
-    """Find which frames of the pattern pictures are, every pixel of them, in rising order."""
-    numbers = [-1]
-    for picture in pictures:
-        height, width = picture.shape[:2]
-        numbers.append(next(number for number in range(numbers[-1] + 1, 10_000)
-                            if np.array_equal(picture, draw_pattern(number, width, height))))
-    return numbers[1:]
 
 
 def test_best_effort_publisher_started_first(start: Start, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ import signal
 import subprocess
 
 from conftest import executable, NodeProcess, read_manifest, read_pictures, recorded_files
-from images import draw_pattern
+from images import find_numbers
 import numpy as np
 import pytest
 from rclpy.duration import Duration
@@ -66,8 +66,7 @@ def test_clean_exit_of_both_nodes(
     written = read_pictures(tmp_path / 'out')
     assert len(written) == received
     assert len(read_manifest(tmp_path / 'out')) == received
-    assert all(np.array_equal(picture, draw_pattern(index, 160, 120))
-               for index, picture in enumerate(written))
+    assert len(find_numbers(written)) == received
     assert not [segment for segment in segments if segment.exists()]
 
 

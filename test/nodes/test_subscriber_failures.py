@@ -28,7 +28,7 @@ import signal
 
 from conftest import NodeProcess, read_manifest, read_pictures, recorded_files
 import cv2
-from images import draw_pattern
+from images import find_numbers
 import numpy as np
 from opencv_tools.recording.recorder import QUEUE_SIZE
 import pytest
@@ -160,8 +160,7 @@ def test_full_disk_that_gets_room_again(
     recorder.wait_for('No space left on device')
     inside = Path(f'/proc/{recorder.pid}/root{folder}')
     full = recorded_files(inside)
-    assert all(np.array_equal(picture, draw_pattern(index, 160, 120))
-               for index, picture in enumerate(read_pictures(inside)))
+    assert len(find_numbers(read_pictures(inside))) == len(full)
     wait_for_frames(recorder)  # no file of these frames may remain
     assert recorded_files(inside) == full
     for path in full[:10]:

@@ -158,3 +158,13 @@ def draw_pattern(number: int, width: int, height: int) -> NDArray[np.uint8]:
     for _ in range(number):
         source.skip()
     return source.read().image
+
+
+def find_numbers(pictures: list[np.ndarray]) -> list[int]:
+    """Find which frames of the pattern pictures are, every pixel of them, in rising order."""
+    numbers = [-1]
+    for picture in pictures:
+        height, width = picture.shape[:2]
+        numbers.append(next(number for number in range(numbers[-1] + 1, 10_000)
+                            if np.array_equal(picture, draw_pattern(number, width, height))))
+    return numbers[1:]
