@@ -23,17 +23,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import partial
-import math
-import sys
 
-from opencv_tools.base.arguments import CommandParser, integer, positive
-from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.base.text import without_password
+from opencv_tools.base.arguments import CommandParser, integer, positive, real, run_command
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import FORMATS, LEROBOT
 
-_INTERRUPTED = 1
-_USAGE_ERROR = 2
 _MODES = ('--format', '--check', '--merge')
 _MOST_SHARDS = 1_000_000
 
@@ -67,20 +61,14 @@ def main(argv: Sequence[str]) -> int:
         arguments.
     """
     options = _parser().parse_args(argv)
-    open_standard_streams()
-    from opencv_tools.datasets.command import run
-    from opencv_tools.datasets.lerobot import import_pyarrow
-    try:
+
+    def run_dataset() -> int:
+        from opencv_tools.datasets.command import run
+        from opencv_tools.datasets.lerobot import import_pyarrow
         import_pyarrow()
         return run(options)
-    except DatasetError as err:
-        print(f'img_convert: error: {without_password(str(err))}', file=sys.stderr)
-        return _USAGE_ERROR
-    except KeyboardInterrupt:
-        print('img_convert: interrupted', file=sys.stderr)
-        return _INTERRUPTED
-    finally:
-        discard_broken_streams()
+
+    return run_command('img_convert', run_dataset, 'interrupted', DatasetError)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -159,10 +147,7 @@ def _add_work(group: argparse._ArgumentGroup) -> None:
 
 
 def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
+    seconds = real(text)
     if not 0 < seconds < 1e6:
         raise argparse.ArgumentTypeError(f'{text!r} is not a number of seconds above 0')
     return seconds
