@@ -105,7 +105,8 @@ def _add_features(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--joints', metavar='NAME,NAME', type=_names, default=(), help=(
         'names and order of the numbers that have names [order of the first message]'))
     group.add_argument('--task', metavar='TEXT', default='', help='task of the episodes')
-    group.add_argument('--robot', metavar='NAME', default='', help='name of the robot')
+    group.add_argument('--robot', dest='robot_type', metavar='NAME', default='',
+                       help='name of the robot')
 
 
 def _add_times(group: argparse._ArgumentGroup) -> None:
@@ -113,9 +114,11 @@ def _add_times(group: argparse._ArgumentGroup) -> None:
                        help='rows of a second')
     group.add_argument('--clock', choices=('stamp', 'log'), default='stamp', help=(
         'stamp for the stamps of the headers, log for the times of the recording [%(default)s]'))
-    group.add_argument('--align-images', choices=('last', 'nearest'), default='last', help=(
+    group.add_argument('--align-images', dest='image_choice', choices=('last', 'nearest'),
+                       default='last', help=(
         'image of a row: the last one before its time, or the nearest [%(default)s]'))
-    group.add_argument('--align-vectors', choices=('last', 'linear'), default='last', help=(
+    group.add_argument('--align-vectors', dest='vector_choice', choices=('last', 'linear'),
+                       default='last', help=(
         'numbers of a row: the last ones before its time, or between two [%(default)s]'))
     group.add_argument('--max-gap', type=_seconds, default=1.0, metavar='SECONDS',
                        help='largest age of a sample of a row [%(default)s]')
