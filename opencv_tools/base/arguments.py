@@ -68,7 +68,7 @@ def run_command(
     """
     Run a command whose arguments are parsed, and return its exit status.
 
-    :param run: returns the status.
+    :param run: returns the status, unless an argument is invalid.
     :param interrupted: text after the name of the command on standard error when a second signal
         ends the command, so that pending work is not finished; '' for none.
     :param invalid: exception of ``run`` for an invalid argument, which is printed before status 2.

@@ -80,7 +80,7 @@ class CaptureSettings(CameraRequest):
 
     @property
     def plays(self) -> int:
-        """Number of times that a file is played before ``on_end`` applies; 0 for endless."""
+        """Count of the plays of a file before ``on_end`` applies; 0 for endless."""
         return 0 if self.on_end == 'loop' and self.loop == 1 else self.loop
 
     @property

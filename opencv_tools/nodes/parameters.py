@@ -24,10 +24,14 @@ from textwrap import TextWrapper
 from typing import Any, TypeVar
 
 from opencv_tools.base.parameter_fields import (
-    LOWEST_RATE as LOWEST_RATE, parameter as parameter, rate_parameter as rate_parameter)
+    LOWEST_RATE, parameter, parameter_group, rate_parameter)
 from opencv_tools.base.text import HIDDEN, hide_passwords, without_password
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
+__all__ = (
+    'describe_parameters', 'literal', 'LOWEST_RATE', 'Parameter', 'parameter', 'parameter_group',
+    'parameter_table', 'rate_parameter', 'with_values')
 
 _TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
 _HELP_COLUMNS = 99

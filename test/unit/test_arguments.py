@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError
 
-from opencv_tools.base.arguments import INTERRUPTED, integer, positive, real, run_command
+from opencv_tools.base.arguments import integer, INTERRUPTED, positive, real, run_command
 import pytest
 
 

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from opencv_tools.base.logs import Log, log_if_slow
-from opencv_tools.base.parameter_fields import parameter, parameter_group
 from opencv_tools.base.text import without_password
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.settings import CaptureSettings
@@ -28,7 +27,7 @@ from opencv_tools.capture.source import (
     check_source, describe_opening, expected_size, is_camera, is_pattern, names_bag)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError, VideoError
-from opencv_tools.nodes.parameters import parameter_table
+from opencv_tools.nodes.parameters import parameter, parameter_group, parameter_table
 from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
