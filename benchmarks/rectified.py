@@ -26,8 +26,9 @@ import cv2
 from figures import add_json_option, Figure, print_figures
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.rectified_image import RectifiedImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.frames import Frame
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
@@ -75,7 +76,7 @@ def measure(encoding_name: str, rounds: int) -> Iterator[Figure]:
 
     def publish() -> Any:
         rectified = RectifiedImage(
-            OutputImage(captured, OutputSettings()), lambda: info, rectifier)
+            OutputImage(captured, CaptureSettings()), lambda: info, rectifier)
         rectified.lend = lambda *_: out
         return rectified.image
 

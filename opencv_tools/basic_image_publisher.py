@@ -53,7 +53,7 @@ class ImagePublisher(ClosableNode):
         calibration = open_calibration(self, settings)
         self._topics = topics = ImageTopics(
             self, 'video_frames', calibration, fastdds, settings.wait_for_subscribers,
-            settings.video())
+            settings.video)
         topics.rectify(settings.rectify)
         self.publisher_ = topics.images
         controls = CameraControls(self, PARAMETERS, lambda: self._loop.camera)

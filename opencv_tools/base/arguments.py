@@ -12,14 +12,18 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Command lines: the version of the package, and numbers in arguments."""
+"""Command lines: the version of the package, errors, and numbers in arguments."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import partial
+import math
+import sys
 from typing import Any, NoReturn
 
+from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.base.text import without_password
 
 
@@ -53,6 +57,36 @@ class _PrintVersion(argparse.Action):
         parser.exit()
 
 
+INTERRUPTED = 1
+_USAGE_ERROR = 2
+
+
+def run_command(
+    name: str, run: Callable[[], int], interrupted: str = '',
+    invalid: type[Exception] = ValueError,
+) -> int:
+    """
+    Run a command whose arguments are parsed, and return its exit status.
+
+    :param run: returns the status, unless an argument is invalid.
+    :param interrupted: text after the name of the command on standard error when a second signal
+        ends the command, so that pending work is not finished; '' for none.
+    :param invalid: exception of ``run`` for an invalid argument, which is printed before status 2.
+    """
+    open_standard_streams()
+    try:
+        return run()
+    except invalid as err:
+        print(f'{name}: error: {without_password(str(err))}', file=sys.stderr)
+        return _USAGE_ERROR
+    except KeyboardInterrupt:
+        if interrupted:
+            print(f'{name}: {interrupted}', file=sys.stderr)
+        return INTERRUPTED
+    finally:
+        discard_broken_streams()
+
+
 def integer(text: str, least: int = 0, most: int | None = None) -> int:
     """
     Return an argument as an integer, for `argparse`.
@@ -68,3 +102,11 @@ def integer(text: str, least: int = 0, most: int | None = None) -> int:
 
 
 positive = partial(integer, least=1)
+
+
+def real(text: str) -> float:
+    """Return an argument as a number; not a number, which no comparison accepts, for a text."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -25,16 +25,11 @@ from collections.abc import Sequence
 import sys
 from typing import TYPE_CHECKING
 
-from opencv_tools.base.arguments import CommandParser
+from opencv_tools.base.arguments import CommandParser, INTERRUPTED, run_command
 from opencv_tools.base.signals import end_at_signals
-from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.base.text import without_password
 
 if TYPE_CHECKING:
     from opencv_tools.calibration.command import TopicSearch
-
-_INTERRUPTED = 1
-_USAGE_ERROR = 2
 
 
 def main(
@@ -49,26 +44,17 @@ def main(
         invalid arguments.
     """
     options = _parser().parse_args(argv)
-    open_standard_streams()
-    from opencv_tools.calibration.command import calibrate, CalibrateRequest
-    try:
-        sources = vars(options).pop('sources')
-        return calibrate(CalibrateRequest(
-            source=sources[0] if sources else '', source_count=len(sources), **vars(options)),
-            search_topics)
-    except ValueError as err:
-        print(f'img_calibrate: error: {without_password(str(err))}', file=sys.stderr)
-        return _USAGE_ERROR
-    except KeyboardInterrupt:
-        print('img_calibrate: error: interrupted', file=sys.stderr)
-        return _INTERRUPTED
-    finally:
-        discard_broken_streams()
+
+    def run() -> int:
+        from opencv_tools.calibration.command import calibrate
+        return calibrate(options, search_topics)
+
+    return run_command('img_calibrate', run, 'error: interrupted')
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = CommandParser(
-        prog='img_calibrate', allow_abbrev=False, argument_default=argparse.SUPPRESS,
+        prog='img_calibrate', allow_abbrev=False,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description='Calibrate a camera from pictures of a board.',
         epilog="""\
@@ -125,4 +111,4 @@ def _file(text: str) -> str:
 
 
 if __name__ == '__main__':
-    sys.exit(end_at_signals(main, _INTERRUPTED))
+    sys.exit(end_at_signals(main, INTERRUPTED))

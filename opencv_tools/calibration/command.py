@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 import os
 from pathlib import Path
 import sys
@@ -132,62 +132,49 @@ _EXIT_FAILURE = 1
 TopicSearch = Callable[[Board, Sequence[str], Log], FoundViews]
 
 
-@dataclass(frozen=True, kw_only=True)
-class CalibrateRequest:
-    """Arguments of the command; '' for those that were not given."""
-
-    source: str
-    board: str
-    source_count: int = 1
-    output: str = ''
-    model: str = 'plumb_bob'
-    name: str = 'camera'
-    topic: str = ''
-    check: str = ''
-    board_pdf: str = ''
-    right: str = ''
-    right_topic: str = ''
-    right_output: str = ''
-
-    @property
-    def is_live(self) -> bool:
-        """Whether the images are those of live topics."""
-        return bool(self.topic) and not self.source
-
-    @property
-    def is_stereo(self) -> bool:
-        """Whether there are two cameras."""
-        return bool(self.right_topic if self.is_live else self.right)
+def _source(options: Namespace) -> str:
+    return options.sources[0] if options.sources else ''
 
 
-def calibrate(request: CalibrateRequest, search_topics: TopicSearch | None = None) -> int:
+def _is_live(options: Namespace) -> bool:
+    """Return whether the images are those of live topics."""
+    return bool(options.topic) and not _source(options)
+
+
+def _is_stereo(options: Namespace) -> bool:
+    """Return whether there are two cameras."""
+    return bool(options.right_topic if _is_live(options) else options.right)
+
+
+def calibrate(options: Namespace, search_topics: TopicSearch | None = None) -> int:
     """
     Calibrate or check a camera, or write a board, and print a report.
 
+    :param options: options of the command line, see `cli`.
     :param search_topics: search of live topics; None if they are not supported.
     :returns: the exit status.
     :raises ValueError: an argument is invalid.
     """
-    board = parse_board(request.board)
-    _check_request(request)
-    if request.is_stereo and board.is_symmetric:
+    board = parse_board(options.board)
+    _check_options(options)
+    if _is_stereo(options) and board.is_symmetric:
         raise ValueError(f'{board} looks the same after half a turn, so that the corners of two '
                          'cameras cannot be paired: use a board with markers, or a chessboard of '
                          'an even and an odd number of corners')
     log = Log(ConsoleWriter('img_calibrate'))
-    if request.board_pdf:
-        print_board(board, user_path(request.board_pdf))
-        log.info(f'wrote {request.board_pdf}: print it at 100 % and check its ruler')
-        if not request.source and not request.is_live:
+    if options.board_pdf:
+        print_board(board, user_path(options.board_pdf))
+        log.info(f'wrote {options.board_pdf}: print it at 100 % and check its ruler')
+        if not _source(options) and not _is_live(options):
             return _EXIT_OK
-    camera = read_camera(user_path(request.check), log.warning) if request.check else None
-    outputs = [user_path(text) for text in (request.output, request.right_output) if text]
+    camera = read_camera(user_path(options.check), log.warning) if options.check else None
+    outputs = [user_path(text) for text in (options.output, options.right_output) if text]
     try:
         for path in outputs:
             check_output(path)
-        found = _search(request, board, log, search_topics)
+        found = _search(options, board, log, search_topics)
         is_good = check_found(camera, found, board) if camera else calibrate_found(
-            found, board, request.model, request.name, outputs)
+            found, board, options.model, options.name, outputs)
         sys.stdout.flush()
         return _EXIT_OK if is_good else _EXIT_FAILURE
     except TopicError as err:
@@ -202,63 +189,64 @@ def calibrate(request: CalibrateRequest, search_topics: TopicSearch | None = Non
 
 
 def _search(
-    request: CalibrateRequest, board: Board, log: Log, search_topics: TopicSearch | None,
+    options: Namespace, board: Board, log: Log, search_topics: TopicSearch | None,
 ) -> FoundViews:
-    if not request.is_live:
-        sources = [(request.source, request.topic), (request.right, request.right_topic)]
-        return search_sources(board, sources if request.right else sources[:1], log)
+    if not _is_live(options):
+        sources = [(_source(options), options.topic), (options.right, options.right_topic)]
+        return search_sources(board, sources if options.right else sources[:1], log)
     if search_topics is None:
         raise ValueError('live topics are not supported here: use the command img_calibrate')
-    topics = [request.topic, request.right_topic]
+    topics = [options.topic, options.right_topic]
     try:
-        return search_topics(board, topics if request.right_topic else topics[:1], log)
+        return search_topics(board, topics if options.right_topic else topics[:1], log)
     except ImportError as err:
         raise CaptureError(f'live topics need ROS 2, but {err}: source its setup.bash, or give '
                            'a source') from err
 
 
-def _check_request(request: CalibrateRequest) -> None:
+def _check_options(options: Namespace) -> None:
     """
     Check the arguments against each other.
 
     :raises ValueError: one is invalid.
     """
     try:
-        check_camera_name(request.name)
+        check_camera_name(options.name)
     except ValueError as err:
-        raise ValueError(f'--name is {request.name!r:.80}: {err}') from err
-    _check_sources(request)
-    _check_files(request)
+        raise ValueError(f'--name is {options.name!r:.80}: {err}') from err
+    _check_sources(options)
+    _check_files(options)
 
 
-def _check_sources(request: CalibrateRequest) -> None:
-    if request.source_count > 1:
-        raise ValueError(f'{request.source_count} sources are given: give a folder, or put the '
+def _check_sources(options: Namespace) -> None:
+    if len(options.sources) > 1:
+        raise ValueError(f'{len(options.sources)} sources are given: give a folder, or put the '
                          "pattern in quotes, as '*.png'")
-    if not request.source and request.right:
+    if not _source(options) and options.right:
         raise ValueError('the source is missing: give it before --right')
-    if request.right_topic and not (request.right or request.is_live):
+    if options.right_topic and not (options.right or _is_live(options)):
         raise ValueError('--right-topic needs --right with a bag, or --topic for two live topics')
-    if not (request.source or request.is_live) and (
-            request.output or request.check or not request.board_pdf):
+    if not (_source(options) or _is_live(options)) and (
+            options.output or options.check or not options.board_pdf):
         raise ValueError('the source is missing: give image files, a folder, a video or a bag, '
                          'or a live topic with --topic')
 
 
-def _check_files(request: CalibrateRequest) -> None:
-    if request.check and (request.output or request.is_stereo):
+def _check_files(options: Namespace) -> None:
+    is_stereo, option = _is_stereo(options), '--right-topic' if _is_live(options) else '--right'
+    if options.check and (options.output or is_stereo):
         raise ValueError('--check writes nothing and takes one camera: leave out -o, and --right '
                          'or --right-topic')
-    if request.is_stereo and _images(request.source, request.topic) == _images(
-            request.right, request.right_topic):
+    if is_stereo and _images(_source(options), options.topic) == _images(
+            options.right, options.right_topic):
         raise ValueError('the images of the left and of the right camera are the same: give those '
-                         f'of the right camera with --right{"-topic" if request.is_live else ""}')
-    if request.right_output and not request.is_stereo:
+                         f'of the right camera with {option}')
+    if options.right_output and not is_stereo:
         raise ValueError('--right-output needs --right, or --right-topic without a source: give '
                          'the images of the right camera')
-    if request.is_stereo and bool(request.output) != bool(request.right_output):
+    if is_stereo and bool(options.output) != bool(options.right_output):
         raise ValueError('two cameras have two files: give -o and --right-output')
-    if request.output and user_path(request.output) == user_path(request.right_output):
+    if options.right_output and user_path(options.output) == user_path(options.right_output):
         raise ValueError('-o and --right-output are the same file: give two files')
 
 

@@ -27,13 +27,14 @@ from opencv_tools.base.units import NANO
 from opencv_tools.capture.errors import BrokenFrameError
 from opencv_tools.capture.frame import FileSource
 from opencv_tools.capture.image_files import ImageFileSource
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import is_camera, is_pattern, names_bag, open_source
 from opencv_tools.image.errors import ImageError
 
 _RATE = 10.0  # frames of a video that are searched in a second
 _LARGEST = 1 << 27  # pixels
-_GRAY = OutputSettings('mono8')
+_GRAY = CaptureSettings(encoding='mono8')
 
 
 @dataclass(frozen=True, kw_only=True)

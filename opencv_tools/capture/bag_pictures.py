@@ -29,10 +29,11 @@ from opencv_tools.bags.reading import BagMessage, BagTopic
 from opencv_tools.capture.bag import read_picture
 from opencv_tools.capture.bag_video import BagVideo
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.errors import ImageError
 
-_SETTINGS = OutputSettings(encoding='bgr8')
+_SETTINGS = CaptureSettings(encoding='bgr8')
 _DEEP = ('mono16', '16UC1')  # whose lower bits a conversion to 8 bits would drop
 
 

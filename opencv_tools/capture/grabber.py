@@ -17,14 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-import math
+from dataclasses import replace
 from threading import Event
 from typing import Protocol
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, LiveSource, Source
-from opencv_tools.capture.player import Clock, Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
+from opencv_tools.capture.player import Clock, Pacer, Player, SYSTEM_CLOCK
+from opencv_tools.capture.settings import CaptureSettings
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.
 _POLL_SECONDS = 0.1
@@ -32,20 +32,6 @@ _POLL_SECONDS = 0.1
 # Seconds between two attempts to open a disconnected camera: doubled from the first to the last.
 _FIRST_DELAY = 0.1
 _LAST_DELAY = 1.0
-
-
-@dataclass(frozen=True)
-class ReconnectPolicy:
-    """
-    When a camera or stream is opened again.
-
-    :param read_timeout: seconds without a frame after which the source is opened again.
-    :param reconnect_timeout: seconds after which an unavailable source is an error; infinity to
-        retry forever.
-    """
-
-    read_timeout: float = 2.0
-    reconnect_timeout: float = math.inf
 
 
 class SourceListener(Protocol):
@@ -134,22 +120,19 @@ class Grabber:
     """
 
     def __init__(
-        self, open_source: Callable[[], Source], playback: PlaybackSettings,
-        reconnect: ReconnectPolicy, listener: SourceListener, demand: Demand,
-        clock: Clock = SYSTEM_CLOCK,
+        self, open_source: Callable[[], Source], settings: CaptureSettings,
+        listener: SourceListener, demand: Demand, clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
         Create a grabber; ``frames`` opens the source.
 
         :param open_source: function that opens the source; raises ``UnavailableError`` while the
             source is unavailable.
-        :param playback: playback settings; ``use`` replaces them.
-        :param reconnect: policy for outages; ``use`` replaces it.
+        :param settings: times of frames and outages; ``use`` replaces them.
         :param demand: demand for frames; camera frames without a subscriber are not decoded.
         :param clock: clock that paces frames and measures outages.
         """
-        self.playback = playback
-        self.reconnect = reconnect
+        self.settings = settings
         self.source: Source | None = None
         #: Outage of the source, and the number of earlier ones.
         self.outage = Outage(listener, clock)
@@ -175,9 +158,9 @@ class Grabber:
         self._stopped.set()
         self._changed.set()
 
-    def use(self, playback: PlaybackSettings, reconnect: ReconnectPolicy) -> None:
+    def use(self, settings: CaptureSettings) -> None:
         """Replace the settings; a wait for the next frame follows them at once."""
-        self.playback, self.reconnect = playback, reconnect
+        self.settings = settings
         self._changed.set()
 
     def pause(self, seconds: float) -> bool:
@@ -222,7 +205,7 @@ class Grabber:
             try:
                 if not source.live:
                     player = Player(
-                        source, lambda: self.playback, self._stopped,
+                        source, lambda: self.settings, self._stopped,
                         lambda: self.paused or not self._demand.may_publish(),
                         self._listener.broken, self._clock)
                     player.on_long_wait = self._listener.waiting
@@ -231,7 +214,7 @@ class Grabber:
                     return
                 yield from self._live_frames(source)
             except UnavailableError as err:
-                self.outage.begin(err, self.reconnect.reconnect_timeout)
+                self.outage.begin(err, self.settings.reconnect_seconds)
             finally:
                 self._missed = self.missed
                 self.source = None
@@ -250,7 +233,7 @@ class Grabber:
                 self.source = self._open_source()
             except UnavailableError as err:
                 self._released.set()
-                self.outage.begin(err, self.reconnect.reconnect_timeout)
+                self.outage.begin(err, self.settings.reconnect_seconds)
                 continue
             self._listener.opened(self.source, bool(self.outage.reason))
             return self.source
@@ -264,14 +247,14 @@ class Grabber:
         quiet_since = self._clock.monotonic()
         while not (self._stopped.is_set() or self._paused.is_set() or self._reopened.is_set()):
             if not source.wait(_POLL_SECONDS):
-                timeout = self.reconnect.read_timeout
+                timeout = self.settings.read_timeout
                 if self._clock.monotonic() - quiet_since > timeout:
                     raise UnavailableError(f'{source.name} sent no frame for {timeout:g} s')
                 continue
             self.outage.end(source)
             if self._changed.is_set():
                 self._changed.clear()
-                pacer.change(_period(self.playback.rate, source))
+                pacer.change(_period(self.settings.publish_rate, source))
             is_due = pacer.is_due(early)
             if (is_due or source.needs_every) and self._demand.may_publish():
                 frame: CapturedFrame | None = None
@@ -284,7 +267,7 @@ class Grabber:
                     self._listener.broken(err)
                 else:
                     if is_due:
-                        pacer.advance(_period(self.playback.rate, source))
+                        pacer.advance(_period(self.settings.publish_rate, source))
                     if is_due or frame:
                         yield frame
             else:

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import Encoding, find_encoding
@@ -46,23 +46,6 @@ _DECODED = find_encoding('bgr8')  # colour JPEG
 Lend = Callable[[int, int, Encoding], NDArray[Any] | None]
 
 
-@dataclass(frozen=True)
-class OutputSettings:
-    """
-    How frames are converted before they are published.
-
-    :param encoding: sensor_msgs/Image encoding; '' for the encoding of the frame.
-    :param flip: mirroring, one of ``FLIPS`` of ``opencv_tools.image.orientation``.
-    :param rotate: clockwise rotation after the mirroring, in degrees: 0, 90, 180 or 270.
-    :param jpeg_quality: quality of JPEG, 1 to 100.
-    """
-
-    encoding: str = ''
-    flip: str = 'none'
-    rotate: int = 0
-    jpeg_quality: int = 95
-
-
 class OutputImage:
     """
     The forms of a frame that can be published, computed on first use and cached.
@@ -70,7 +53,7 @@ class OutputImage:
     All properties raise an ImageError if the frame cannot be decoded or converted.
     """
 
-    def __init__(self, frame: CapturedFrame, settings: OutputSettings) -> None:
+    def __init__(self, frame: CapturedFrame, settings: CaptureSettings) -> None:
         #: The captured frame.
         self.frame = frame
         #: How the frame is converted.
@@ -209,7 +192,7 @@ def _has_jpeg(output: OutputImage) -> bool:
         _keeps_pixels(output.settings, 'mono8') and output._is_gray_jpeg))
 
 
-def _keeps_pixels(settings: OutputSettings, *encodings: str) -> bool:
+def _keeps_pixels(settings: CaptureSettings, *encodings: str) -> bool:
     """Return whether images of some encodings are published as they are."""
     return (settings.flip == 'none' and not settings.rotate
             and settings.encoding in ('', *encodings))

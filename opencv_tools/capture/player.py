@@ -17,14 +17,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import Event, TIMEOUT_MAX
 import time
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame, FileSource
+from opencv_tools.capture.settings import CaptureSettings
 
-ON_END = ('stop', 'loop', 'hold')
 IMAGE_RATE = 10.0  # frames per second of image files, which have no native rate
 
 #: A longer wait for the next image or message of a bag is logged.
@@ -52,26 +52,6 @@ class Clock:
 
 #: The default clock of all classes of this package.
 SYSTEM_CLOCK = Clock()
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlaybackSettings:
-    """
-    How a source is played.
-
-    :param rate: frames per second; 0.0 for the native rate of the source.
-    :param on_end: action after the last frame of a file, one of ``ON_END``: ``stop``; ``loop``
-        back to the first frame; ``hold`` the last frame and repeat it at the same rate.
-    :param plays: number of times that a file is played before ``on_end`` applies; 0 for endless.
-    :param first: number of the first frame of a file to play, from 0.
-    :param stop: number of the first frame of a file not to play; 0 to play to the end.
-    """
-
-    rate: float = 0.0
-    on_end: str = 'stop'
-    plays: int = 1
-    first: int = 0
-    stop: int = 0
 
 
 class Pacer:
@@ -139,14 +119,14 @@ class Player:
     """Playback of every frame of a file, at a fixed rate or with the times of the file."""
 
     def __init__(
-        self, source: FileSource, playback: Callable[[], PlaybackSettings], stopped: Event,
+        self, source: FileSource, settings: Callable[[], CaptureSettings], stopped: Event,
         is_paused: Callable[[], bool], on_broken: Callable[[BrokenFrameError], object],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         """
         Create a player; ``frames`` starts the playback.
 
-        :param playback: function that returns the current settings; called for each frame.
+        :param settings: function that returns the current settings; called for each frame.
         :param stopped: event that another thread sets to end the playback.
         :param is_paused: function that returns whether playback is paused.
         :param on_broken: function that is called for each unreadable frame, which is skipped.
@@ -157,7 +137,7 @@ class Player:
         #: Ends a wait: set after ``stopped``, and after a change of the settings.
         self.changed = stopped
         self._source = source
-        self._playback = playback
+        self._settings = settings
         self._stopped = stopped
         self._is_paused = is_paused
         self._on_broken = on_broken
@@ -176,7 +156,7 @@ class Player:
                 pacer.advance(self._interval(last, frame))
             while self._is_paused() and not self._clock.wait(self._stopped, _PAUSE_POLL_SECONDS):
                 pacer.restart()
-            if pacer.seconds_left > LONG_WAIT_SECONDS and not self._playback().rate:
+            if pacer.seconds_left > LONG_WAIT_SECONDS and not self._settings().publish_rate:
                 self.on_long_wait(pacer.seconds_left)
             due_ns = pacer.wait(self.changed)
             while self.changed.is_set() and not self._stopped.is_set():
@@ -191,7 +171,7 @@ class Player:
 
     def _interval(self, last: CapturedFrame, frame: CapturedFrame) -> float:
         """Return the seconds from one frame to the next."""
-        rate = self._playback().rate
+        rate = self._settings().publish_rate
         if not rate and last.position is not None and frame.position is not None:
             interval = frame.position - last.position
             if interval > 0:  # negative from the last frame back to the first
@@ -211,22 +191,23 @@ class Player:
                 return
             if last is None:
                 raise CaptureError(f'{self._source.name} has no readable frame')
-            playback = self._playback()
-            if not playback.plays or played < playback.plays:
+            settings = self._settings()
+            if not settings.plays or played < settings.plays:
                 self._source.rewind()
                 continue
-            while playback.on_end == 'hold':
+            while settings.on_end == 'hold':
                 yield last
             return
 
     def _readable_frames(self) -> Iterator[CapturedFrame]:
         """Yield the readable frames of one pass."""
-        playback = self._playback()
-        for number in range(playback.first):
+        settings = self._settings()
+        first, stop = settings.start_frame, settings.stop_frame
+        for number in range(first):
             if not self._source.skip():
-                raise self._too_short(number, playback.first)
-        number = playback.first
-        while not self._stopped.is_set() and (not playback.stop or number < playback.stop):
+                raise self._too_short(number, first)
+        number = first
+        while not self._stopped.is_set() and (not stop or number < stop):
             number += 1
             try:
                 frame = self._source.read()
@@ -234,8 +215,8 @@ class Player:
                 self._on_broken(err)
                 continue
             if frame is None:
-                if number == playback.first + 1 > 1:
-                    raise self._too_short(playback.first, playback.first)
+                if number == first + 1 > 1:
+                    raise self._too_short(first, first)
                 return
             yield frame
 

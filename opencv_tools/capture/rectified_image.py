@@ -23,7 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.rectification import Rectifier
 
@@ -43,7 +44,7 @@ class RectifiedImage(OutputImage):
         :param source: the image, as it is published.
         :param camera_info: returns the sensor_msgs/CameraInfo of the image.
         """
-        super().__init__(_NO_FRAME, OutputSettings(jpeg_quality=source.settings.jpeg_quality))
+        super().__init__(_NO_FRAME, CaptureSettings(jpeg_quality=source.settings.jpeg_quality))
         self._source = source
         self._camera_info = camera_info
         self._rectifier = rectifier

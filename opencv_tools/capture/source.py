@@ -32,8 +32,9 @@ from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.stream import open_stream, OpenCvStream, STREAM_SCHEMES, StreamSource
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
@@ -140,7 +141,7 @@ def expected_size(
         return None
     with closing(open_source(text, bag_topic=bag_topic)) as source:
         frame = None if source.live else source.read()
-    return None if frame is None else OutputImage(frame, OutputSettings()).size
+    return None if frame is None else OutputImage(frame, CaptureSettings()).size
 
 
 def _path(text: str) -> Path:

@@ -24,14 +24,10 @@ import argparse
 from collections.abc import Sequence
 import sys
 
-from opencv_tools.base.arguments import CommandParser, integer, positive
+from opencv_tools.base.arguments import (
+    CommandParser, integer, INTERRUPTED, positive, run_command)
 from opencv_tools.base.signals import end_at_signals
-from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.base.text import without_password
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
-
-_INTERRUPTED = 1
-_USAGE_ERROR = 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -46,17 +42,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if is_for_datasets(arguments):
         return convert_to_dataset(arguments)
     options = _parser().parse_args(arguments)
-    open_standard_streams()
-    from opencv_tools.convert.convert import convert, ConvertRequest
-    try:
+
+    def run() -> int:
+        from opencv_tools.convert.convert import convert, ConvertRequest
         return convert(ConvertRequest(**vars(options)))
-    except ValueError as err:
-        print(f'img_convert: error: {without_password(str(err))}', file=sys.stderr)
-        return _USAGE_ERROR
-    except KeyboardInterrupt:
-        return _INTERRUPTED  # a second request; pending work was not finished
-    finally:
-        discard_broken_streams()
+
+    return run_command('img_convert', run)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -99,4 +90,4 @@ exit status:
 
 
 if __name__ == '__main__':
-    sys.exit(end_at_signals(main, _INTERRUPTED))
+    sys.exit(end_at_signals(main, INTERRUPTED))

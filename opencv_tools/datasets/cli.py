@@ -23,17 +23,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from functools import partial
-import math
-import sys
 
-from opencv_tools.base.arguments import CommandParser, integer, positive
-from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
-from opencv_tools.base.text import without_password
+from opencv_tools.base.arguments import CommandParser, integer, positive, real, run_command
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import FORMATS, LEROBOT
 
-_INTERRUPTED = 1
-_USAGE_ERROR = 2
 _MODES = ('--format', '--check', '--merge')
 _MOST_SHARDS = 1_000_000
 
@@ -67,20 +61,14 @@ def main(argv: Sequence[str]) -> int:
         arguments.
     """
     options = _parser().parse_args(argv)
-    open_standard_streams()
-    from opencv_tools.datasets.command import run
-    from opencv_tools.datasets.lerobot import import_pyarrow
-    try:
+
+    def run_dataset() -> int:
+        from opencv_tools.datasets.command import run
+        from opencv_tools.datasets.lerobot import import_pyarrow
         import_pyarrow()
         return run(options)
-    except DatasetError as err:
-        print(f'img_convert: error: {without_password(str(err))}', file=sys.stderr)
-        return _USAGE_ERROR
-    except KeyboardInterrupt:
-        print('img_convert: interrupted', file=sys.stderr)
-        return _INTERRUPTED
-    finally:
-        discard_broken_streams()
+
+    return run_command('img_convert', run_dataset, 'interrupted', DatasetError)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -117,7 +105,8 @@ def _add_features(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--joints', metavar='NAME,NAME', type=_names, default=(), help=(
         'names and order of the numbers that have names [order of the first message]'))
     group.add_argument('--task', metavar='TEXT', default='', help='task of the episodes')
-    group.add_argument('--robot', metavar='NAME', default='', help='name of the robot')
+    group.add_argument('--robot', dest='robot_type', metavar='NAME', default='',
+                       help='name of the robot')
 
 
 def _add_times(group: argparse._ArgumentGroup) -> None:
@@ -125,9 +114,11 @@ def _add_times(group: argparse._ArgumentGroup) -> None:
                        help='rows of a second')
     group.add_argument('--clock', choices=('stamp', 'log'), default='stamp', help=(
         'stamp for the stamps of the headers, log for the times of the recording [%(default)s]'))
-    group.add_argument('--align-images', choices=('last', 'nearest'), default='last', help=(
+    group.add_argument('--align-images', dest='image_choice', choices=('last', 'nearest'),
+                       default='last', help=(
         'image of a row: the last one before its time, or the nearest [%(default)s]'))
-    group.add_argument('--align-vectors', choices=('last', 'linear'), default='last', help=(
+    group.add_argument('--align-vectors', dest='vector_choice', choices=('last', 'linear'),
+                       default='last', help=(
         'numbers of a row: the last ones before its time, or between two [%(default)s]'))
     group.add_argument('--max-gap', type=_seconds, default=1.0, metavar='SECONDS',
                        help='largest age of a sample of a row [%(default)s]')
@@ -159,10 +150,7 @@ def _add_work(group: argparse._ArgumentGroup) -> None:
 
 
 def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
+    seconds = real(text)
     if not 0 < seconds < 1e6:
         raise argparse.ArgumentTypeError(f'{text!r} is not a number of seconds above 0')
     return seconds

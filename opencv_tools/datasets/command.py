@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 from opencv_tools.base.logs import ConsoleWriter, Log
@@ -48,16 +48,14 @@ def plan_of(options: Namespace) -> Plan:
     images = [parse_named(text, 'a camera') for text in options.image]
     if not images and not vectors:
         raise DatasetError('nothing is selected: give --image, --state, --action or --vector')
-    for option, text in (('--task', options.task), ('--robot', options.robot)):
+    for option, text in (('--task', options.task), ('--robot', options.robot_type)):
         if not text.isprintable():
             raise DatasetError(f"{option} '{printable(text)}' is not a printable text")
     episodes, intervals = _episodes(options.episodes)
-    return Plan(
-        format=options.format, fps=options.fps, images=unique(images), vectors=unique(vectors),
-        next_action=is_next, task=options.task, image_choice=options.align_images,
-        vector_choice=options.align_vectors, clock=options.clock, max_gap=options.max_gap,
-        splits=options.on_gap == 'split', episodes=episodes, intervals=intervals,
-        crf=options.crf, robot_type=options.robot)
+    given = {one.name: getattr(options, one.name) for one in fields(Plan) if one.name in options}
+    return Plan(**given | {
+        'images': unique(images), 'vectors': unique(vectors), 'next_action': is_next,
+        'splits': options.on_gap == 'split', 'episodes': episodes, 'intervals': intervals})
 
 
 def _vectors(options: Namespace, is_next: bool) -> list[tuple[str, tuple[NumbersSource, ...]]]:

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import printable
-from opencv_tools.nodes.parameters import Parameter, parameter_table
+from opencv_tools.nodes.parameters import Parameter, parameter_table, with_values
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
@@ -45,7 +45,7 @@ class UnknownParameterError(ParameterNotDeclaredException):
 
 def declare_settings(node: Node, settings: type[S]) -> S:
     """Declare the parameters of a settings class, as `declare_parameters`; return the values."""
-    return settings(**declare_parameters(node, parameter_table(settings)))
+    return with_values(settings(), declare_parameters(node, parameter_table(settings)))
 
 
 def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]:

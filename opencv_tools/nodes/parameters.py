@@ -16,21 +16,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields, KW_ONLY
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, KW_ONLY, replace
 import json
 import math
 from textwrap import TextWrapper
-from typing import Any
+from typing import Any, TypeVar
 
+from opencv_tools.base.parameter_fields import (
+    LOWEST_RATE, parameter, parameter_group, rate_parameter)
 from opencv_tools.base.text import HIDDEN, hide_passwords, without_password
 from opencv_tools.topics.errors import ParameterError
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
+__all__ = (
+    'describe_parameters', 'literal', 'LOWEST_RATE', 'Parameter', 'parameter', 'parameter_group',
+    'parameter_table', 'rate_parameter', 'with_values')
+
 _TYPES = {bool: 'bool', float: 'double', int: 'integer', str: 'string'}
 _HELP_COLUMNS = 99
-#: Lowest rate in Hz, so that nothing waits for longer than 10 s.
-LOWEST_RATE = 0.1
+
+S = TypeVar('S', bound=Any)
 
 
 @dataclass(frozen=True)
@@ -155,52 +161,57 @@ class Parameter:
             f'parameter {self.name} is {without_password(repr(value))}: {remedy}')
 
 
-def parameter(default: str | int | float, description: str, **options: Any) -> Any:
-    """
-    Return the field of a settings class for a parameter of the same name.
-
-    :param default: default value, see ``Parameter``.
-    :param description: description, see ``Parameter``.
-    :param options: further fields of ``Parameter``.
-    """
-    options |= {'default': default, 'description': description}
-    return field(default=default, metadata=options)
-
-
-def rate_parameter(
-    default: float, description: str, highest: float, *, or_zero: bool = True, **options: Any,
-) -> Any:
-    """
-    Return the field of a settings class for a rate in Hz, at least ``LOWEST_RATE``.
-
-    :param description: description, see ``Parameter``.
-    :param or_zero: whether the rate may be 0, with the meaning in the description.
-    :param options: further fields of ``Parameter``.
-    """
-    return parameter(
-        default, description, bounds=(LOWEST_RATE, highest), or_zero=or_zero, **options)
-
-
 def parameter_table(settings: type) -> tuple[Parameter, ...]:
     """Return the parameters of a settings class, whose fields ``parameter`` has created."""
-    return tuple(Parameter(found.name, **found.metadata) for found in fields(settings))
+    return tuple(_parameters_of(settings))
+
+
+def _parameters_of(settings: Any, prefix: str = '') -> Iterator[Parameter]:
+    """Yield the parameters of a settings class, or of an object with other default values."""
+    for found in fields(settings):
+        default = getattr(settings, found.name)
+        if 'prefix' in found.metadata:
+            yield from _parameters_of(default, found.metadata['prefix'])
+        elif found.metadata:
+            yield Parameter(prefix + found.name, default, **found.metadata)
+
+
+def with_values(settings: S, values: Mapping[str, Any]) -> S:
+    """
+    Return settings with other values of some parameters.
+
+    :param values: values by the names of the parameters, also of those in groups.
+    :raises ParameterError: the values of a group do not suit each other.
+    """
+    given = dict(values)
+    for found in fields(settings):
+        if 'prefix' not in found.metadata:
+            continue
+        prefix, group = found.metadata['prefix'], getattr(settings, found.name)
+        own = {one.name: given.pop(prefix + one.name) for one in fields(group)
+               if prefix + one.name in given}
+        try:
+            given[found.name] = replace(group, **own)
+        except ValueError as err:
+            raise ParameterError(f'parameter {prefix}{err}') from err
+    return replace(settings, **given)
 
 
 def describe_parameters(table: Sequence[Parameter]) -> str:
     """Return the lines of ``--help`` for a table: descriptions, types, values and defaults."""
-    width = max(len(parameter.name) for parameter in table)
+    width = max(len(found.name) for found in table)
     lines = ['parameters, with type: values [default]; at run time if changeable while the node '
              'runs:']
-    for parameter in table:
+    for found in table:
         wrapper = TextWrapper(
-            _HELP_COLUMNS, f'  {parameter.name:{width}}  ', ' ' * (width + 4),
+            _HELP_COLUMNS, f'  {found.name:{width}}  ', ' ' * (width + 4),
             break_long_words=False, break_on_hyphens=False)
-        lines += wrapper.wrap(parameter.description)
+        lines += wrapper.wrap(found.description)
         wrapper.initial_indent = wrapper.subsequent_indent
-        values = f': {parameter.values()}' if parameter.values() else ''
-        changes = '; at run time' if parameter.changeable else ''
+        values = f': {found.values()}' if found.values() else ''
+        changes = '; at run time' if found.changeable else ''
         lines += wrapper.wrap(
-            f'{parameter.type_name}{values} [{literal(parameter.default)}]{changes}')
+            f'{found.type_name}{values} [{literal(found.default)}]{changes}')
     return '\n'.join(lines)
 
 

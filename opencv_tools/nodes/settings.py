@@ -22,7 +22,7 @@ from typing import Any
 
 from opencv_tools.base.text import printable
 from opencv_tools.nodes.command_line import given_parameters
-from opencv_tools.nodes.parameters import parameter, parameter_table
+from opencv_tools.nodes.parameters import parameter, parameter_table, with_values
 from opencv_tools.topics.errors import ParameterError
 import yaml
 
@@ -81,7 +81,8 @@ def read_start(
             values[found.name] = found.accept(given[found.name])
     try:
         is_accepted = len(values) == len(known)
-        frame_bytes = settings(**values).frame_bytes() if is_accepted else settings.FRAME_BYTES
+        frame_bytes = with_values(
+            settings(), values).frame_bytes() if is_accepted else settings.FRAME_BYTES
     except (OSError, RecursionError, ValueError):
         frame_bytes = settings.FRAME_BYTES
     return values.get('priority', settings.priority), frame_bytes

@@ -27,7 +27,7 @@ import math
 import sys
 from typing import NoReturn
 
-from opencv_tools.base.arguments import CommandParser, integer
+from opencv_tools.base.arguments import CommandParser, integer, real
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.base.standard_streams import open_standard_streams
 
@@ -184,24 +184,17 @@ def _argument(text: str) -> tuple[str, str]:
 
 def _joint_position(text: str) -> tuple[str, float]:
     name, _, value = text.rpartition('=')
-    name, position = name.removesuffix(':'), _number(value)
+    name, position = name.removesuffix(':'), real(value)
     if not name or not math.isfinite(position):
         raise argparse.ArgumentTypeError(f'{text!r} is not of the form NAME=NUMBER')
     return name, position
 
 
 def _tolerance(text: str) -> float:
-    value = _number(text)
+    value = real(text)
     if not 0 <= value < math.inf:
         raise argparse.ArgumentTypeError(f'{text!r} is not a finite number of 0 or more')
     return value
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return math.nan
 
 
 def _run(parser: argparse.ArgumentParser, argv: Sequence[str] | None) -> int:

@@ -22,6 +22,7 @@ import os
 import re
 from typing import Any
 
+from opencv_tools.base.parameter_fields import parameter
 from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import VideoError
@@ -75,6 +76,30 @@ _FAMILIES = (
 )
 
 
+def check_codec_name(text: str) -> None:
+    """
+    Check that a text may be the name of a codec or an encoder.
+
+    :raises ValueError: it cannot be; the message is the remedy.
+    """
+    if not _is_codec_name(text):
+        raise ValueError(_CODEC_REMEDY)
+
+
+def _is_codec_name(text: str) -> bool:
+    return bool(_NAME.fullmatch(text)) and text not in _REFUSED
+
+
+def check_preset_name(text: str) -> None:
+    """
+    Check that a text may be the name of a preset.
+
+    :raises ValueError: it cannot be; the message is the remedy.
+    """
+    if not _PRESET.fullmatch(text):
+        raise ValueError("give one of the encoder, such as superfast, or '' for a fast one")
+
+
 @dataclass(frozen=True, kw_only=True)
 class VideoSettings:
     """
@@ -89,11 +114,21 @@ class VideoSettings:
     :raises VideoError: a value is invalid.
     """
 
-    codec: str = 'h264'
-    quality: int = 23
-    bit_rate: int = 0
-    key_interval: float = 2.0
-    preset: str = ''
+    codec: str = parameter(
+        'h264', 'Codec of the video topics: h264, h265, or an encoder of FFmpeg such as '
+        'h264_nvenc', check=check_codec_name, changeable=True)
+    quality: int = parameter(
+        23, 'Quality of the video (CRF), from 0 (best) to 51', bounds=(0, _MAX_QUALITY),
+        changeable=True)
+    bit_rate: int = parameter(
+        0, 'Largest number of bits per second of the video, from 10000; 0 for a constant quality',
+        bounds=(0, _BIT_RATES[1]), changeable=True)
+    key_interval: float = parameter(
+        2.0, 'Seconds between two key frames of the video', bounds=(0.1, _MAX_KEY_INTERVAL),
+        changeable=True)
+    preset: str = parameter(
+        '', 'Preset of the encoder of the video; empty for a fast one',
+        check=check_preset_name, changeable=True)
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -188,27 +223,3 @@ def import_av() -> Any:
         raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
                          f'{installation("av", "python3-av")}') from err
     return av
-
-
-def check_codec_name(text: str) -> None:
-    """
-    Check that a text may be the name of a codec or an encoder.
-
-    :raises ValueError: it cannot be; the message is the remedy.
-    """
-    if not _is_codec_name(text):
-        raise ValueError(_CODEC_REMEDY)
-
-
-def _is_codec_name(text: str) -> bool:
-    return bool(_NAME.fullmatch(text)) and text not in _REFUSED
-
-
-def check_preset_name(text: str) -> None:
-    """
-    Check that a text may be the name of a preset.
-
-    :raises ValueError: it cannot be; the message is the remedy.
-    """
-    if not _PRESET.fullmatch(text):
-        raise ValueError("give one of the encoder, such as superfast, or '' for a fast one")

@@ -22,7 +22,8 @@ from typing import Any
 
 from opencv_tools.capture.errors import BrokenFrameError
 from opencv_tools.capture.frame import CapturedFrame, Source
-from opencv_tools.capture.player import PlaybackSettings, Player
+from opencv_tools.capture.player import Player
+from opencv_tools.capture.settings import CaptureSettings
 import pytest
 from stepped_clock import SteppedClock
 
@@ -31,7 +32,7 @@ def play(source: Source, on_broken: Callable[[BrokenFrameError], object] = pytes
          stopped: Event | None = None, clock: SteppedClock | None = None,
          **settings: Any) -> Player:
     """Create a player that is never paused, with a clock whose waits take no time."""
-    return Player(source, lambda: PlaybackSettings(**settings), stopped or Event(), lambda: False,
+    return Player(source, lambda: CaptureSettings(**settings), stopped or Event(), lambda: False,
                   on_broken, clock or SteppedClock())
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from argparse import ArgumentTypeError
 
-from opencv_tools.base.arguments import integer, positive
+from opencv_tools.base.arguments import integer, INTERRUPTED, positive, real, run_command
 import pytest
 
 
@@ -26,6 +26,32 @@ def test_integers_between_limits() -> None:
     assert [integer(text) for text in ('0', '007', '999999999')] == [0, 7, 999_999_999]
     assert [integer(text, 2, 4) for text in '234'] == [2, 3, 4]
     assert positive('1') == 1
+
+
+def test_numbers() -> None:
+    assert [real(text) for text in ('1', '-2.5', '1e3')] == [1, -2.5, 1000]
+    assert not real('inf') < 1e9
+    assert not real('x') <= 0 and not real('') >= 0
+
+
+@pytest.mark.parametrize(('raised', 'interrupted', 'status', 'error'), [
+    (ValueError('--a is rtsp://me:secret@h'), '', 2, 'cmd: error: --a is rtsp://***@h\n'),
+    (KeyboardInterrupt(), 'ended', INTERRUPTED, 'cmd: ended\n'),
+    (KeyboardInterrupt(), '', INTERRUPTED, '')])
+def test_errors_of_commands(
+        raised: BaseException, interrupted: str, status: int, error: str,
+        capsys: pytest.CaptureFixture[str]) -> None:
+    def run() -> int:
+        raise raised
+
+    assert run_command('cmd', run, interrupted) == status
+    assert capsys.readouterr().err == error
+    assert run_command('cmd', lambda: 7) == 7
+
+
+def test_other_errors_of_commands_are_raised() -> None:
+    with pytest.raises(ValueError, match='invalid literal'):
+        run_command('cmd', lambda: int('x'), invalid=KeyError)
 
 
 @pytest.mark.parametrize('text', [

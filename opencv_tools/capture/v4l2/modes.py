@@ -20,11 +20,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 import itertools
 
-from opencv_tools.capture.frame import JPEG, VIDEO
+from opencv_tools.base.parameter_fields import parameter, rate_parameter
+from opencv_tools.capture.frame import JPEG, MAX_RATE, VIDEO
 from opencv_tools.capture.v4l2 import videodev2
-from opencv_tools.capture.v4l2.pixel_formats import pack_fourcc, PIXEL_FORMATS, unpack_fourcc
+from opencv_tools.capture.v4l2.pixel_formats import (
+    check_fourcc, pack_fourcc, PIXEL_FORMATS, unpack_fourcc)
 from opencv_tools.capture.v4l2.videodev2 import try_ioctl
-from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
+from opencv_tools.image.encodings import COLOR_ENCODINGS, ENCODINGS, find_encoding
 
 #: Default size in pixels (width, height) and rate in Hz. Most cameras support these defaults of
 #: OpenCV.
@@ -47,11 +49,21 @@ class CameraRequest:
         have are ignored.
     """
 
-    width: int = 0
-    height: int = 0
-    fps: float = 0.0
-    fourcc: str = ''
-    encoding: str = ''
+    width: int = parameter(
+        0, 'Width of the camera image in pixels; 0 for the default (640)', bounds=(0, 1 << 16),
+        changeable=True)
+    height: int = parameter(
+        0, 'Height of the camera image in pixels; 0 for the default (480)', bounds=(0, 1 << 16),
+        changeable=True)
+    fps: float = rate_parameter(
+        0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)', MAX_RATE,
+        changeable=True)
+    fourcc: str = parameter(
+        '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty for the best '
+        'format at this size and rate', check=check_fourcc, changeable=True)
+    encoding: str = parameter(
+        '', "Encoding of the published images; '' for the encoding of the source",
+        choices=(*ENCODINGS, ''), changeable=True)
     controls: tuple[tuple[str, int], ...] = ()
 
 

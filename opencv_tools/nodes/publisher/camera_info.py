@@ -341,7 +341,7 @@ def create_camera_info_service(
     ) -> SetCameraInfo.Response:
         try:
             response.status_message = calibration.save(
-                request.camera_info, settings().flip, settings().rotate)
+                request.camera_info, settings().capture.flip, settings().capture.rotate)
             response.success = True
         except CameraInfoError as err:
             response.status_message = str(err)

@@ -31,6 +31,7 @@ from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.source import describe_opening, open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
+from opencv_tools.nodes.parameters import with_values
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
@@ -127,8 +128,7 @@ class PublishLoop:
         self._events = SourceLog(self._log, topics.images.topic_name, controls)
         self._progress = Progress(self._log.info, 'Publishing video frame')
         self._grabber = Grabber(
-            self._open_source, settings.playback(), settings.reconnect_policy(), self._events,
-            topics)
+            self._open_source, settings.capture, self._events, topics)
         self._is_live = False  # until the source is open
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
         self._diagnostics = Diagnostics(node, self._source_status)
@@ -196,7 +196,7 @@ class PublishLoop:
         :param changes: new values by name.
         :raises ParameterError: the video cannot have these settings.
         """
-        replace(self.settings, **changes).video()
+        with_values(self.settings, changes).check_video()
 
     def apply_changes(self, changes: dict[str, Any]) -> None:
         """
@@ -204,9 +204,9 @@ class PublishLoop:
 
         :param changes: new values by name.
         """
-        self.settings = replace(self.settings, **changes)
-        self._grabber.use(self.settings.playback(), self.settings.reconnect_policy())
-        self._topics.use_video(self.settings.video())
+        self.settings = with_values(self.settings, changes)
+        self._grabber.use(self.settings.capture)
+        self._topics.use_video(self.settings.video)
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
         elif _CAMERA_PARAMETERS & changes.keys():
@@ -236,7 +236,7 @@ class PublishLoop:
         if frame is None:
             self._count_unseen()
             return
-        output = OutputImage(frame, self.settings.output())
+        output = OutputImage(frame, self.settings.capture)
         stamp, frame_id = self._headers.header(frame, self.settings)
         try:
             if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live):
@@ -248,7 +248,7 @@ class PublishLoop:
             description = output.description
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
-            if not self._is_live or self.settings.encoding == self._opened_encoding:
+            if not self._is_live or self.settings.capture.encoding == self._opened_encoding:
                 remedy = ('; an empty encoding publishes frames as they are'
                           if isinstance(err, ConversionError) else '')
                 self._events.broken(ImageError(f'{err}{remedy}'))
@@ -263,18 +263,18 @@ class PublishLoop:
         self._diagnostics.count()
 
     def _open_source(self) -> Source:
-        settings = self.settings
-        self._opened_encoding = settings.encoding
+        settings, capture = self.settings, self.settings.capture
+        self._opened_encoding = capture.encoding
         with log_if_slow(self._log, describe_opening(settings.source)):
             source = open_source(
-                settings.source, settings.camera_request(self._controls.requested),
-                settings.read_timeout, settings.bag_topic)
+                settings.source, replace(capture, controls=self._controls.requested),
+                capture.read_timeout, settings.bag_topic)
         self._is_live = source.live
         if isinstance(source, BagSource) and settings.topics and not self._topic_player:
             self._topic_player = TopicPlayer(
                 self._node, source, settings.topics.split(), self._log,
-                from_start=not settings.start_frame)
-            for difference in differences(settings.publish_rate, settings.stamp):
+                from_start=not capture.start_frame)
+            for difference in differences(capture.publish_rate, settings.stamp):
                 self._log.warning(difference)
         return source
 

@@ -17,33 +17,17 @@
 from __future__ import annotations
 
 import time
-from typing import cast, Protocol
+from typing import cast
 
 from builtin_interfaces.msg import Time
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.frame import CapturedFrame, Recorded
+from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from rclpy.clock import ROSClock
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
-STAMPS = ('capture', 'publish', 'original')
 _SECONDS = 1 << 31  # range of the seconds of a message: from -_SECONDS to _SECONDS - 1
-
-
-class HeaderSettings(Protocol):
-    """The parameters of the publisher that a header depends on."""
-
-    @property
-    def stamp(self) -> str:
-        """One of ``STAMPS``."""
-
-    @property
-    def stamp_offset(self) -> float:
-        """Seconds to add to the stamp."""
-
-    @property
-    def frame_id(self) -> str:
-        """Coordinate frame of the camera."""
 
 
 class Stamper:
@@ -129,11 +113,12 @@ class FrameHeaders:
         self._stamper = Stamper(cast(ROSClock, node.get_clock()))
         self._clock = node.create_publisher(Clock, '/clock', 10) if has_clock else None
 
-    def header(self, frame: CapturedFrame, settings: HeaderSettings) -> tuple[Time, str]:
+    def header(self, frame: CapturedFrame, settings: PublisherSettings) -> tuple[Time, str]:
         """
         Return the stamp and the ``frame_id`` of a frame; publish the time of a frame of a bag.
 
-        :param settings: values of the parameters ``stamp``, ``stamp_offset`` and ``frame_id``.
+        :param settings: values of the parameters, with ``stamp``, ``stamp_offset`` and
+            ``frame_id``.
         """
         recorded = frame.recorded
         is_original = recorded is not None and settings.stamp == 'original'

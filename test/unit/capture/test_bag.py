@@ -32,7 +32,8 @@ from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame, JPEG
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import expected_size, names_bag, open_source
 from opencv_tools.image.cdr import image_to_cdr, WireHeader, WireImage
 from opencv_tools.image.encodings import ENCODINGS
@@ -69,7 +70,7 @@ def test_every_encoding_keeps_its_pixels(tmp_path: Path, encoding: str, order: s
     assert frame is not None and frame.encoding == encoding
     np.testing.assert_array_equal(frame.image, image)
     assert not frame.image.flags.writeable
-    assert OutputImage(frame, OutputSettings()).description == f'6x4 {encoding}'
+    assert OutputImage(frame, CaptureSettings()).description == f'6x4 {encoding}'
 
 
 def test_rows_with_padding(tmp_path: Path) -> None:
@@ -88,7 +89,7 @@ def test_big_endian_pixels_are_converted(tmp_path: Path, encoding: str) -> None:
     path = write_mcap(tmp_path / 'a.mcap', [image_entry(1, image.astype('>u2'), 'mono16')])
     frame = BagSource(path).read()
     native = CapturedFrame(image, 'mono16')
-    for output in (OutputSettings('mono8'), OutputSettings('bgr8', rotate=90)):
+    for output in (CaptureSettings(encoding='mono8'), CaptureSettings(encoding='bgr8', rotate=90)):
         np.testing.assert_array_equal(
             OutputImage(frame, output).image, OutputImage(native, output).image)
         np.testing.assert_array_equal(
@@ -125,17 +126,17 @@ def test_compressed_image_is_passed_on_byte_for_byte(
     frame = BagSource(path).read()
     assert frame is not None and frame.encoding == JPEG
     for encoding in ('', 'bgr8'):
-        passed, passed_format = OutputImage(frame, OutputSettings(encoding)).jpeg
+        passed, passed_format = OutputImage(frame, CaptureSettings(encoding=encoding)).jpeg
         assert (passed.tobytes(), passed_format) == (data, format_text)
     expected = '16x8' if len(data) > 50 else f'{len(data)} bytes'
-    assert OutputImage(frame, OutputSettings()).description == f'{expected} {format_text}'
+    assert OutputImage(frame, CaptureSettings()).description == f'{expected} {format_text}'
 
 
 def test_compressed_image_is_decoded_with_the_encoding_of_its_format(tmp_path: Path) -> None:
     image = random_image('rgb16', 8, 16)
     data = cv2.imencode('.png', image)[1].tobytes()
     path = write_mcap(tmp_path / 'a.mcap', [compressed_entry(1, data, 'rgb16; png compressed ')])
-    output = OutputImage(BagSource(path).read(), OutputSettings())
+    output = OutputImage(BagSource(path).read(), CaptureSettings())
     assert output.encoding == 'rgb16'
     np.testing.assert_array_equal(output.image, image)
     assert (output.is_decoded, output.description) == (True, '16x8 rgb16')
@@ -202,7 +203,7 @@ def test_frames_are_due_at_the_times_of_the_recording(
         tmp_path: Path, rate: float, gaps: list[float]) -> None:
     path = write_mcap(tmp_path / 'a.mcap', map(image_entry, (0, 1, 5, 6)))
     clock = SteppedClock()
-    player = play(BagSource(path), clock=clock, rate=rate)
+    player = play(BagSource(path), clock=clock, publish_rate=rate)
     shown = [(frame.stamp_ns / 1e9, clock.now) for frame in player.frames()]
     for times in zip(*shown, strict=True):
         assert times == pytest.approx(BEGAN + np.cumsum([0.0, *gaps]))
@@ -210,7 +211,7 @@ def test_frames_are_due_at_the_times_of_the_recording(
 
 def test_part_of_a_bag_is_played_twice(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', map(image_entry, range(6)))
-    player = play(BagSource(path), first=2, stop=4, plays=2)
+    player = play(BagSource(path), start_frame=2, stop_frame=4, loop=2)
     frames = list(player.frames())
     assert [frame.image[0, 0] for frame in frames] == [2, 3, 2, 3]
     assert [frame.recorded.play for frame in frames if frame.recorded] == [0, 0, 1, 1]
@@ -326,7 +327,7 @@ def check_hostile_messages_raise_nothing_else_than_their_errors(
     try:
         frame = source.read()
         assert frame is not None
-        output = OutputImage(frame, OutputSettings(rotate=90))
+        output = OutputImage(frame, CaptureSettings(rotate=90))
         _ = output.description, output.jpeg
     except (BrokenFrameError, ImageError) as err:
         assert '\n' not in str(err)

@@ -159,5 +159,5 @@ def test_damaged_chunk_costs_those_until_the_key_frame(tmp_path: Path) -> None:
 
 def test_player_begins_at_any_frame(tmp_path: Path) -> None:
     path = write_mcap(tmp_path / 'a.mcap', entries(flat_packets(20, keys=(8,))))
-    frames = play(BagSource(path), first=13, stop=16).frames()
+    frames = play(BagSource(path), start_frame=13, stop_frame=16).frames()
     assert [number_of(frame.image) for frame in frames] == [13, 14, 15]

@@ -21,7 +21,8 @@ from pathlib import Path
 from h264_camera import connect, DEVICE, H264Device
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame, VIDEO
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest
 from opencv_tools.image.errors import KeyFrameNeeded
@@ -204,7 +205,7 @@ def test_settings_that_leave_the_packet_unchanged(
     data = packets('h264')[0].data
     device.send(data)
     frame, = read_all(source)
-    output = OutputImage(frame, OutputSettings(**values))
+    output = OutputImage(frame, CaptureSettings(**values))
     assert (output.packet is not None) is is_unchanged
     assert output.size == ((120, 160) if values.get('rotate') else (160, 120))
     assert output.description == f'{output.size[0]}x{output.size[1]} h264'

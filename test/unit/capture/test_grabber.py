@@ -19,12 +19,13 @@ from __future__ import annotations
 from collections.abc import Callable
 import itertools
 from threading import Thread
+from typing import Any
 
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, Source
-from opencv_tools.capture.grabber import Grabber, ReconnectPolicy
-from opencv_tools.capture.player import PlaybackSettings
+from opencv_tools.capture.grabber import Grabber
+from opencv_tools.capture.settings import CaptureSettings
 import pytest
 from stepped_clock import BEGAN, SteppedClock
 from waiting import LONGEST_SECONDS
@@ -122,7 +123,7 @@ def camera(clock: SteppedClock) -> Camera:
 @pytest.fixture
 def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
     """Return a function that creates a grabber for a sequence of cameras and open errors."""
-    def _grab(*attempts: Camera | Exception, rate: float = 0.0, **policy: float) -> Grabber:
+    def _grab(*attempts: Camera | Exception, rate: float = 0.0, **policy: Any) -> Grabber:
         coming = iter(attempts)
 
         def _open() -> Source:
@@ -132,7 +133,7 @@ def grab(clock: SteppedClock, log: Log) -> Callable[..., Grabber]:
             return attempt
 
         return Grabber(
-            _open, PlaybackSettings(rate=rate), ReconnectPolicy(**policy), log, log, clock)
+            _open, CaptureSettings(publish_rate=rate, **policy), log, log, clock)
 
     return _grab
 
@@ -183,7 +184,7 @@ def test_change_of_the_rate_of_a_camera(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, old: float, new: float,
         changed_at: float, taken: list[int]) -> None:
     grabber = grab(camera, rate=old)
-    clock.plan(changed_at, lambda: grabber.use(PlaybackSettings(rate=new), ReconnectPolicy()))
+    clock.plan(changed_at, lambda: grabber.use(CaptureSettings(publish_rate=new)))
     assert numbers_of(take(grabber, clock, max(changed_at + 0.02, 0.51)))[:4] == taken
 
 
@@ -280,7 +281,7 @@ def test_reconnect_timeout(
         grab: Callable[..., Grabber], clock: SteppedClock, camera: Camera, reconnect: float,
         message: str, waits: list[float]) -> None:
     frames = grab(camera, *itertools.repeat(UnavailableError('not there'), 20),
-                  reconnect_timeout=reconnect).frames()
+                  reconnect=str(reconnect)).frames()
     next(frames)
     clock.waits.clear()
     camera.fault = UnavailableError('gone')

@@ -87,7 +87,7 @@ def test_broken_image_file_is_skipped_and_reported(tmp_path: Path) -> None:
     (tmp_path / '1.png').write_text('no picture')
     source = open_source(str(tmp_path))
     broken: list[BrokenFrameError] = []
-    player = play(source, broken.append, rate=100.0)
+    player = play(source, broken.append, publish_rate=100.0)
     assert [int(frame.image[0, 0]) for frame in player.frames()] == [0, 2]
     assert [str(err) for err in broken] == [
         f'{tmp_path}/1.png cannot be read: 10 bytes are not a picture that OpenCV can read']
@@ -101,7 +101,8 @@ def test_non_regular_file_in_a_sequence_is_skipped(tmp_path: Path, kind: str) ->
     (tmp_path / '2.png').unlink()
     KINDS[kind][0](tmp_path / '2.png')
     reasons: list[str] = []
-    assert numbers(play(source, lambda err: reasons.append(str(err)), rate=500.0), 9) == [1, 3]
+    player = play(source, lambda err: reasons.append(str(err)), publish_rate=500.0)
+    assert numbers(player, 9) == [1, 3]
     assert len(reasons) == 1
     assert KINDS[kind][1] in reasons[0]
 

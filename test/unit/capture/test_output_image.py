@@ -18,7 +18,8 @@ import cv2
 from images import draw_pattern
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame, JPEG
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_image
@@ -49,7 +50,7 @@ def frame_of(encoding: str) -> CapturedFrame:
     ('yuv422', 'uyvy')])
 def test_pixels_in_the_requested_encoding_are_not_copied(captured: str, requested: str) -> None:
     frame = frame_of(captured)
-    output = OutputImage(frame, OutputSettings(requested))
+    output = OutputImage(frame, CaptureSettings(encoding=requested))
     assert output.image is frame.image
     assert output.encoding == (requested or captured)
     assert output.size == (64, 48)
@@ -66,7 +67,7 @@ def test_pixels_in_the_requested_encoding_are_not_copied(captured: str, requeste
 def test_pixels_are_converted_flipped_and_rotated(
         captured: str, requested: str, published: str, code: int | None) -> None:
     frame = frame_of(captured)
-    output = OutputImage(frame, OutputSettings(requested))
+    output = OutputImage(frame, CaptureSettings(encoding=requested))
     assert output.encoding == published
     assert output.size == (64, 48)
     image = DECODED if captured == JPEG else np.ascontiguousarray(frame.image)
@@ -91,13 +92,14 @@ def test_last_conversion_writes_to_lent_memory(
             np.zeros(encoding.size(height, width), np.uint8), height, width, encoding))
         return lent[0]
 
-    usual = OutputImage(frame_of(captured), OutputSettings(requested))
+    usual = OutputImage(frame_of(captured), CaptureSettings(encoding=requested))
     wrong = []
     for flip, degrees in TURNS:
         lent.clear()
         expected, encoding = orient(
             usual.image, find_encoding(usual.encoding), flip, degrees)
-        output = OutputImage(frame_of(captured), OutputSettings(requested, flip, degrees))
+        output = OutputImage(frame_of(captured), CaptureSettings(
+            encoding=requested, flip=flip, rotate=degrees))
         output.lend = lend
         image = output.image
         is_turned = (flip, degrees) != ('none', 0)
@@ -110,13 +112,14 @@ def test_last_conversion_writes_to_lent_memory(
 
 def test_image_that_opencv_does_not_turn() -> None:
     image = np.arange(70, dtype='>u2').reshape(2, 7, 5)
-    output = OutputImage(CapturedFrame(image, '16UC5'), OutputSettings('', 'horizontal', 90))
+    output = OutputImage(
+        CapturedFrame(image, '16UC5'), CaptureSettings(flip='horizontal', rotate=90))
     output.lend = lambda *_: pytest.fail('nothing is written')
     assert np.array_equal(output.image, np.rot90(image[:, ::-1], -1))
 
 
 def test_colours_are_converted_before_depth() -> None:
-    output = OutputImage(frame_of(JPEG), OutputSettings('mono16'))
+    output = OutputImage(frame_of(JPEG), CaptureSettings(encoding='mono16'))
     gray = cv2.cvtColor(DECODED, cv2.COLOR_BGR2GRAY)
     np.testing.assert_array_equal(output.image, gray * np.uint16(257), strict=True)
 
@@ -124,7 +127,7 @@ def test_colours_are_converted_before_depth() -> None:
 def test_camera_jpeg_is_published_unchanged() -> None:
     frame = frame_of(JPEG)
     for encoding in ('', 'bgr8', 'rgb8'):
-        data, format_text = OutputImage(frame, OutputSettings(encoding)).jpeg
+        data, format_text = OutputImage(frame, CaptureSettings(encoding=encoding)).jpeg
         assert data is frame.image
         assert format_text == f'{encoding or "bgr8"}; jpeg compressed bgr8'
 
@@ -132,16 +135,18 @@ def test_camera_jpeg_is_published_unchanged() -> None:
 def test_gray_camera_jpeg_is_declared_as_mono8() -> None:
     gray = cv2.imencode('.jpg', cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY))[1].reshape(-1)
     for encoding in ('', 'bgr8', 'rgb8', 'mono8'):
-        data, format_text = OutputImage(CapturedFrame(gray, JPEG), OutputSettings(encoding)).jpeg
+        data, format_text = OutputImage(
+            CapturedFrame(gray, JPEG), CaptureSettings(encoding=encoding)).jpeg
         assert data is gray
         assert format_text == 'mono8; jpeg compressed mono8'
-    rotated = OutputImage(CapturedFrame(gray, JPEG), OutputSettings('mono8', rotate=90))
+    rotated = OutputImage(CapturedFrame(gray, JPEG), CaptureSettings(encoding='mono8', rotate=90))
     assert rotated.jpeg[1] == format_text
 
 
 @pytest.mark.parametrize('settings', [
-    OutputSettings(flip='vertical'), OutputSettings(rotate=180), OutputSettings('mono8')])
-def test_camera_jpeg_is_encoded_again_for_other_settings(settings: OutputSettings) -> None:
+    CaptureSettings(flip='vertical'), CaptureSettings(rotate=180),
+    CaptureSettings(encoding='mono8')])
+def test_camera_jpeg_is_encoded_again_for_other_settings(settings: CaptureSettings) -> None:
     output = OutputImage(frame_of(JPEG), settings)
     data, _ = output.jpeg
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
@@ -159,7 +164,7 @@ def test_camera_jpeg_is_encoded_again_for_other_settings(settings: OutputSetting
     ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
 def test_format_string_is_that_of_compressed_image_transport(
         captured: str, format_text: str) -> None:
-    data, actual = OutputImage(frame_of(captured), OutputSettings()).jpeg
+    data, actual = OutputImage(frame_of(captured), CaptureSettings()).jpeg
     assert actual == format_text
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     assert shown.shape == ((48, 64) if captured == 'mono8' else (48, 64, 3))
@@ -167,21 +172,21 @@ def test_format_string_is_that_of_compressed_image_transport(
 
 @pytest.mark.parametrize('captured', ['bgr8', 'rgb8', 'bgr16'])
 def test_colours_of_the_compressed_image(captured: str) -> None:
-    data, _ = OutputImage(frame_of(captured), OutputSettings()).jpeg
+    data, _ = OutputImage(frame_of(captured), CaptureSettings()).jpeg
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     assert np.abs(shown.astype(int) - PICTURE).mean() < 8
 
 
 def test_higher_quality_makes_larger_jpegs() -> None:
-    sizes = [OutputImage(frame_of('bgr8'), OutputSettings(jpeg_quality=quality)).jpeg[0].size
+    sizes = [OutputImage(frame_of('bgr8'), CaptureSettings(jpeg_quality=quality)).jpeg[0].size
              for quality in (1, 50, 100)]
     assert sizes == sorted(set(sizes))
 
 
 @pytest.mark.parametrize(('captured', 'settings'), [
-    ('32FC1', OutputSettings('bgr8')), ('bgr8', OutputSettings('yuv422_yuy2')),
-    ('yuv422_yuy2', OutputSettings('uyvy')), ('nv12', OutputSettings(rotate=90))])
-def test_impossible_conversions_are_refused(captured: str, settings: OutputSettings) -> None:
+    ('32FC1', CaptureSettings(encoding='bgr8')), ('bgr8', CaptureSettings(encoding='yuv422_yuy2')),
+    ('yuv422_yuy2', CaptureSettings(encoding='uyvy')), ('nv12', CaptureSettings(rotate=90))])
+def test_impossible_conversions_are_refused(captured: str, settings: CaptureSettings) -> None:
     with pytest.raises(ImageError):
         _ = OutputImage(frame_of(captured), settings).image
 
@@ -190,7 +195,7 @@ def test_impossible_conversions_are_refused(captured: str, settings: OutputSetti
 def test_damaged_jpeg_is_refused(data: bytes) -> None:
     frame = CapturedFrame(np.frombuffer(data, np.uint8), JPEG)
     with pytest.raises(ImageError):
-        _ = OutputImage(frame, OutputSettings()).size
+        _ = OutputImage(frame, CaptureSettings()).size
 
 
 def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,7 +206,7 @@ def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.Monkey
             f'opencv_tools.capture.output_image.{name}',
             lambda *args, name=name, original=original, **options: (
                 calls.append(name) or original(*args, **options)))
-    output = OutputImage(frame_of(JPEG), OutputSettings('mono8'))
+    output = OutputImage(frame_of(JPEG), CaptureSettings(encoding='mono8'))
     assert not calls
     for _ in range(2):
         assert output.image.shape == (48, 64)

@@ -29,7 +29,8 @@ import numpy as np
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
-from opencv_tools.capture.player import Pacer, PlaybackSettings, Player, SYSTEM_CLOCK
+from opencv_tools.capture.player import Pacer, Player, SYSTEM_CLOCK
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import open_source
 from playback import numbers, play
 import pytest
@@ -54,23 +55,22 @@ def numbered(tmp_path: Path) -> Source:
 def test_action_at_the_end_of_a_source(tmp_path: Path, on_end: str, expected: list[int]) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f'{number}.png'), np.full((2, 2), number, np.uint8))
-    settings = {'plays': 0} if on_end == 'loop' else {'on_end': on_end}
-    player = play(open_source(str(tmp_path)), rate=500.0, **settings)
+    player = play(open_source(str(tmp_path)), publish_rate=500.0, on_end=on_end)
     assert numbers(player, 7) == expected
 
 
 @pytest.mark.parametrize('on_end', ['stop', 'hold'])
 def test_source_without_a_readable_frame_fails(tmp_path: Path, on_end: str) -> None:
     (tmp_path / '1.png').write_text('no picture')
-    player = play(open_source(str(tmp_path)), lambda err: None, rate=100.0, on_end=on_end)
+    player = play(open_source(str(tmp_path)), lambda err: None, publish_rate=100.0, on_end=on_end)
     with pytest.raises(CaptureError, match='has no readable frame'):
         list(player.frames())
 
 
-@pytest.mark.parametrize(('settings', 'period'), [({}, 1 / 64), ({'rate': 8.0}, 1 / 8)])
+@pytest.mark.parametrize(('settings', 'period'), [({}, 1 / 64), ({'publish_rate': 8.0}, 1 / 8)])
 def test_native_and_requested_rate_of_a_file(
         clock: SteppedClock, settings: dict[str, Any], period: float) -> None:
-    player = play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=51, **settings)
+    player = play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop_frame=51, **settings)
     shown = [(clock.now, frame.stamp_ns) for frame in player.frames()]
     due = [BEGAN + number * period for number in range(51)]
     assert shown == [(seconds, int(seconds * 1e9)) for seconds in due]
@@ -113,7 +113,7 @@ def test_first_frame_is_due_at_once_with_any_interval(
 
 def test_late_reader_gets_one_frame_at_once(clock: SteppedClock) -> None:
     shown = []
-    for frame in play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop=6).frames():
+    for frame in play(PatternSource(PatternSpec(8, 8, 64.0)), clock=clock, stop_frame=6).frames():
         shown.append((64 * (clock.now - BEGAN), 64 * (frame.stamp_ns / 1e9 - BEGAN)))
         if len(shown) == 2:
             clock.step_to(clock.now + 10.5 / 64)
@@ -136,11 +136,11 @@ def test_stop_ends_the_wait_for_a_frame(clock: SteppedClock) -> None:
     (0.02, 0.02, 7.0, [0.0, 50.0, 100.0])])
 def test_change_of_the_rate_during_a_wait(
         clock: SteppedClock, old: float, new: float, changed_at: float, due: list[float]) -> None:
-    settings, changed = PlaybackSettings(rate=old), Event()
+    settings, changed = CaptureSettings(publish_rate=old), Event()
 
     def change() -> None:
         nonlocal settings
-        settings = PlaybackSettings(rate=new)
+        settings = CaptureSettings(publish_rate=new)
         changed.set()
 
     clock.plan(changed_at, change)
@@ -166,7 +166,7 @@ def test_pause_holds_playback_without_losing_frames(clock: SteppedClock) -> None
     held = Event()
     source = PatternSource(PatternSpec(200, 3, 64.0))
     player = Player(
-        source, lambda: PlaybackSettings(stop=20), Event(), held.is_set, pytest.fail, clock)
+        source, lambda: CaptureSettings(stop_frame=20), Event(), held.is_set, pytest.fail, clock)
     stamps, images = [], []
     for frame in player.frames():
         stamps.append(frame.stamp_ns / 1e9 - BEGAN)
@@ -201,35 +201,35 @@ class StampedSource(PatternSource):
 def test_times_of_the_file_or_a_requested_rate_pace_frames(
         clock: SteppedClock, rate: float, gaps: list[float]) -> None:
     source = StampedSource(3.0, 3.05, 3.25, 3.26)  # the second play steps back by 0.26 s
-    player = play(source, clock=clock, rate=rate, plays=2)
+    player = play(source, clock=clock, publish_rate=rate, loop=2)
     shown = [(frame.stamp_ns / 1e9, clock.now) for frame in player.frames()]
     for times in zip(*shown, strict=True):
         assert times == pytest.approx(BEGAN + np.cumsum([0.0, *gaps]))
 
 
 @pytest.mark.parametrize(('settings', 'expected'), [
-    ({'plays': 2}, [0, 1, 2, 3, 0, 1, 2, 3]),
-    ({'first': 2}, [2, 3]),
-    ({'stop': 2}, [0, 1]),
-    ({'first': 1, 'stop': 3, 'plays': 2}, [1, 2, 1, 2]),
-    ({'plays': 0, 'stop': 1}, [0] * 9),
-    ({'stop': 9}, [0, 1, 2, 3]),
-    ({'on_end': 'hold', 'plays': 2}, [0, 1, 2, 3, 0, 1, 2, 3, 3]),
+    ({'loop': 2}, [0, 1, 2, 3, 0, 1, 2, 3]),
+    ({'start_frame': 2}, [2, 3]),
+    ({'stop_frame': 2}, [0, 1]),
+    ({'start_frame': 1, 'stop_frame': 3, 'loop': 2}, [1, 2, 1, 2]),
+    ({'loop': 0, 'stop_frame': 1}, [0] * 9),
+    ({'stop_frame': 9}, [0, 1, 2, 3]),
+    ({'on_end': 'hold', 'loop': 2}, [0, 1, 2, 3, 0, 1, 2, 3, 3]),
 ])
 def test_first_stop_and_plays_select_frames(
         numbered: Source, settings: dict[str, Any], expected: list[int]) -> None:
-    assert numbers(play(numbered, rate=500.0, **settings), 9) == expected
+    assert numbers(play(numbered, publish_rate=500.0, **settings), 9) == expected
 
 
 @pytest.mark.parametrize('first', [4, 5, 7])
 def test_start_frame_after_the_end_of_a_folder_is_refused(numbered: Source, first: int) -> None:
     with pytest.raises(CaptureError, match=f'^start_frame is {first}, but .* has only 4 '):
-        list(play(numbered, rate=500.0, first=first).frames())
+        list(play(numbered, publish_rate=500.0, start_frame=first).frames())
 
 
 def test_start_frame_after_the_end_of_a_video_is_refused() -> None:
     with pytest.raises(CaptureError, match=f'has only {CLIP_FRAMES} frames, numbered from 0$'):
-        list(play(open_source(str(CLIP)), rate=500.0, first=CLIP_FRAMES).frames())
+        list(play(open_source(str(CLIP)), publish_rate=500.0, start_frame=CLIP_FRAMES).frames())
 
 
 def test_system_clock_waits_for_an_event_or_a_timeout() -> None:
@@ -243,7 +243,7 @@ def test_system_clock_waits_for_an_event_or_a_timeout() -> None:
 @pytest.mark.parametrize(('rate', 'expected'), [(0.0, [100.0]), (0.01, [])])
 def test_long_waits_of_a_file(rate: float, expected: list[float]) -> None:
     """A bag may have years between two images; a rate of the user is no surprise."""
-    player, waits = play(StampedSource(0.0, 1.0, 101.0), rate=rate), []
+    player, waits = play(StampedSource(0.0, 1.0, 101.0), publish_rate=rate), []
     player.on_long_wait = waits.append
     assert len(list(player.frames())) == 3
     assert waits == pytest.approx(expected)

@@ -35,7 +35,8 @@ from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.base.logs import LineWriter, Log
 from opencv_tools.base.progress import open_progress, Progress
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
@@ -156,8 +157,8 @@ def test_bag_of_compressed_images(tmp_path: Path, encoding: str, shown: str, cod
         assert frame.recorded.message.format == format_text
         assert frame.recorded.message.header == original.recorded.message.header
     expected = convert_image(image, find_encoding(encoding), find_encoding(shown))
-    np.testing.assert_allclose(OutputImage(found[0], OutputSettings(shown)).image.astype(int),
-                               expected, rtol=0, atol=difference)
+    output = OutputImage(found[0], CaptureSettings(encoding=shown))
+    np.testing.assert_allclose(output.image.astype(int), expected, rtol=0, atol=difference)
     line, = read_manifest(tmp_path / 'out')
     assert (line['encoding'], line['stored_encoding']) == (encoding, format_text)
     assert line['size'] == [32, 16]

@@ -26,7 +26,8 @@ from hypothesis import given, strategies as st
 from images import padded_image, random_image
 import numpy as np
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import open_source
 from opencv_tools.convert.cli import main
 from opencv_tools.cv_bridge import CvBridge
@@ -221,7 +222,7 @@ def test_bags_are_played_and_converted(encoding: str, padding: int, tmp_path: Pa
     assert len(frames) == 3
     for frame, image in zip(frames, images):
         np.testing.assert_array_equal(
-            OutputImage(frame, OutputSettings()).image, image, strict=True)
+            OutputImage(frame, CaptureSettings()).image, image, strict=True)
     assert main([str(bag), str(tmp_path / 'b.mcap')]) == 0
     assert main([str(tmp_path / 'b.mcap'), str(tmp_path / '{frame_id}.npy')]) == 0
     for number, image in enumerate(images):

@@ -25,7 +25,8 @@ from calibrations import CALIBRATION
 from conftest import spin_until
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage, OutputSettings
+from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.frames import Frame, FrameSubscriber
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.orientation import FLIPS
@@ -99,7 +100,7 @@ def test_compressed_topic_follows_the_format(
     spin_until(node, topics.has_subscribers)
 
     def publish(number: int, encoding: str) -> bool:
-        output = OutputImage(CapturedFrame(picture(number, encoding), encoding), OutputSettings())
+        output = OutputImage(CapturedFrame(picture(number, encoding), encoding), CaptureSettings())
         return topics.publish(output, Time(sec=number), 'eye', is_live=False)
 
     for number, encoding in enumerate(('32FC1', '8UC2', '16UC1', '64FC3')):
@@ -129,7 +130,7 @@ def test_frames_of_any_source_are_shared(node: Node, camera: Node, is_live: bool
         nonlocal number
         if viewer.count == number:
             number += 1
-            settings = OutputSettings('', ('none', 'vertical')[number % 2])
+            settings = CaptureSettings(flip=('none', 'vertical')[number % 2])
             pixels = picture(number)[::FLIPS[settings.flip][0]]
             output = OutputImage(CapturedFrame(pixels, '16UC1'), settings)
             assert topics.publish(output, Time(sec=number), 'eye', is_live=is_live)
@@ -155,7 +156,7 @@ def test_frame_of_a_file_waits_for_shared_memory(
         nonlocal number
         number += 1
         assert topics.publish(OutputImage(CapturedFrame(picture(number), '16UC1'),
-                                          OutputSettings()), Time(sec=number), 'eye',
+                                          CaptureSettings()), Time(sec=number), 'eye',
                               is_live=False)
 
     def publish_the_next() -> bool:
@@ -192,7 +193,7 @@ def test_publisher_waits_again_without_readers(
     spin_until(node, lambda: topics.images.get_subscription_count() > 0)
     monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 0.05)
     assert not topics.backlog.deliver(lambda: False)  # to a reader that leaves after this
-    output = OutputImage(CapturedFrame(picture(1), '16UC1'), OutputSettings())
+    output = OutputImage(CapturedFrame(picture(1), '16UC1'), CaptureSettings())
     topics.publish(output, Time(), 'eye', is_live=False)
     spin_until(node, topics.backlog.wait_for_all)
     monkeypatch.setattr(backlog, '_TIMEOUT_SECONDS', 30.0)
@@ -215,7 +216,8 @@ def test_conversion_writes_where_subscribers_read(
 
     def publish() -> bool:
         if len(frames) == len(slots):
-            settings = OutputSettings('bgr8', 'vertical') if len(slots) % 2 else OutputSettings()
+            settings = (CaptureSettings(encoding='bgr8', flip='vertical') if len(slots) % 2
+                        else CaptureSettings())
             topics.publish(OutputImage(CapturedFrame(colours, 'rgb8'), settings), Time(), 'eye',
                            is_live=True)
         return len(frames) > 20 and len(slots) % 2 == 0 and slots[-1] is not None
@@ -244,7 +246,7 @@ def test_nothing_is_rectified_without_subscribers(
 
     def publish() -> bool:
         frame = CapturedFrame(picture(1, 'bgr8', 480, 640), 'bgr8')
-        return topics.publish(OutputImage(frame, OutputSettings()), Time(), 'eye', is_live=True)
+        return topics.publish(OutputImage(frame, CaptureSettings()), Time(), 'eye', is_live=True)
 
     assert not publish()
     images: list[Image] = []
@@ -284,8 +286,8 @@ def test_rectified_pixels_are_written_where_subscribers_read(
 
     def publish() -> bool:
         if len(frames) == len(slots):
-            topics.publish(OutputImage(CapturedFrame(raw, 'rgb8'), OutputSettings('bgr8')), Time(),
-                           'eye', is_live=True)
+            output = OutputImage(CapturedFrame(raw, 'rgb8'), CaptureSettings(encoding='bgr8'))
+            topics.publish(output, Time(), 'eye', is_live=True)
         return len(frames) > 20 and slots[-1] is not None
 
     spin_until(node, publish)

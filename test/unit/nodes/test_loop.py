@@ -21,6 +21,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from opencv_tools.capture.errors import BrokenFrameError
+from opencv_tools.nodes.parameters import with_values
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.camera_info import PublishedCalibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
@@ -41,7 +42,7 @@ def create_loop(node: Node, **values: Any) -> PublishLoop:
     topics = ImageTopics(
         node, 'video_frames', PublishedCalibration('', 'eye', print), NOT_CONFIGURED, 0)
     controls = CameraControls(node, PARAMETERS, lambda: None)
-    return PublishLoop(node, PublisherSettings(**values), topics, controls)
+    return PublishLoop(node, with_values(PublisherSettings(), values), topics, controls)
 
 
 def test_exit_after_max_frames(node: Node) -> None:
@@ -83,7 +84,7 @@ def test_changed_settings(node: Node) -> None:
     loop = create_loop(node, source='pattern')
     before = loop.settings
     loop.apply_changes({'rotate': 90, 'publish_rate': 5.0})
-    assert (loop.settings.rotate, loop.settings.publish_rate) == (90, 5.0)
+    assert (loop.settings.capture.rotate, loop.settings.capture.publish_rate) == (90, 5.0)
     assert loop.settings.source == 'pattern'
     assert before == PublisherSettings(source='pattern')
 

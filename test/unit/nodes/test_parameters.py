@@ -17,18 +17,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 import math
 from typing import Any
 
+from opencv_tools.base import parameter_fields
 from opencv_tools.image_filter import FilterSettings
 from opencv_tools.nodes.declaration import (
     declare_parameters, UnknownParameterError, watch_parameters)
-from opencv_tools.nodes.parameters import Parameter, parameter_table
+from opencv_tools.nodes.parameters import Parameter, parameter_table, with_values
 from opencv_tools.nodes.publisher import parameters as publisher_parameters
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.subscriber import parameters as subscriber_parameters
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer.parameters import ViewerSettings
 import pytest
 import rclpy
@@ -52,18 +55,18 @@ BILLION = 10**9
 # Valid values: smallest and largest number, a set of choices, or any text.
 VALUES = {
     'img_publisher': {
-        'source': str, 'bag_topic': str, 'topics': str, 'publish_rate': (0.1, 1000.0),
-        'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'frame_id': str, 'width': (0, 65536),
+        'source': str, 'bag_topic': str, 'topics': str, 'width': (0, 65536),
         'height': (0, 65536), 'fps': (0.1, 1000.0), 'fourcc': str,
+        'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'publish_rate': (0.1, 1000.0),
         'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
-        'rectify': {False, True},
-        'jpeg_quality': (1, 100), 'video_codec': str, 'video_quality': (0, 51),
-        'video_bit_rate': (0, BILLION), 'video_key_interval': (0.1, 3600.0), 'video_preset': str,
+        'jpeg_quality': (1, 100), 'read_timeout': (0.1, 1e6), 'reconnect': str,
+        'on_end': {'stop', 'loop', 'hold'}, 'loop': (0, BILLION), 'start_frame': (0, BILLION),
+        'stop_frame': (0, BILLION), 'frame_id': str, 'rectify': {False, True},
+        'video_codec': str, 'video_quality': (0, 51), 'video_bit_rate': (0, BILLION),
+        'video_key_interval': (0.1, 3600.0), 'video_preset': str,
         'stamp': {'capture', 'publish', 'original'},
         'stamp_offset': (-1e6, 1e6), 'clock': {False, True},
-        'read_timeout': (0.1, 1e6), 'reconnect': str, 'camera_info_url': str, 'camera_name': str,
-        'on_end': {'stop', 'loop', 'hold'}, 'loop': (0, BILLION), 'start_frame': (0, BILLION),
-        'stop_frame': (0, BILLION), 'max_frames': (0, BILLION),
+        'camera_info_url': str, 'camera_name': str, 'max_frames': (0, BILLION),
         'wait_for_subscribers': (0, 1000), 'priority': (0, 99)},
     'img_subscriber': {
         'output_dir': str, 'file_name': str, 'topics': str,
@@ -168,6 +171,24 @@ def check_values(context: Context, parameter: Parameter, allowed: Any) -> None:
     for value in wrong:
         with pytest.raises(ParameterError, match=f'parameter {name} is '):
             declare_given(context, (parameter,), **{name: value})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grouped:
+    own: int = parameter_fields.parameter(1, 'a number')
+    part: VideoSettings = parameter_fields.parameter_group(
+        VideoSettings(quality=30), 'video_')
+
+
+def test_group_of_parameters() -> None:
+    assert [(found.name, found.default) for found in parameter_table(Grouped)][:3] == [
+        ('own', 1), ('video_codec', 'h264'), ('video_quality', 30)]
+    changed = with_values(Grouped(), {'own': 2, 'video_codec': 'h265'})
+    assert changed == Grouped(own=2, part=VideoSettings(codec='h265', quality=30))
+    with pytest.raises(ParameterError, match=r'^parameter video_bit_rate is 5: give '):
+        with_values(changed, {'video_bit_rate': 5})
+    with pytest.raises(TypeError, match='quality'):
+        with_values(changed, {'quality': 5})
 
 
 @pytest.mark.parametrize('settings', [

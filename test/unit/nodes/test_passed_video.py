@@ -23,6 +23,7 @@ from conftest import spin_until
 from h264_camera import connect, DEVICE, H264Device
 import numpy as np
 from opencv_tools.frames import Frame, FrameSubscriber
+from opencv_tools.nodes.parameters import with_values
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
 from opencv_tools.nodes.publisher.camera_info import PublishedCalibration
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
@@ -52,8 +53,8 @@ class Passing:
         topics = ImageTopics(node, 'video_frames', PublishedCalibration('', 'eye', print),
                              NOT_CONFIGURED, 0, VideoSettings())
         self.loop = PublishLoop(
-            node, PublisherSettings(source=DEVICE, publish_rate=0.0, **values), topics,
-            CameraControls(node, PARAMETERS, lambda: None))
+            node, with_values(PublisherSettings(source=DEVICE), {'publish_rate': 0.0, **values}),
+            topics, CameraControls(node, PARAMETERS, lambda: None))
         self.thread = Thread(target=self.loop.run, daemon=True)
         self.thread.start()
 
