@@ -24,16 +24,14 @@ from opencv_tools.base.logs import log_if_slow
 from opencv_tools.base.progress import open_progress
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
-from opencv_tools.nodes.bag_messages import BagMessages
-from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.nodes.conversion import BagMessages, FrameConverter
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
-from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import Account, FrameSubscription

@@ -26,8 +26,7 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
-from opencv_tools.recording.errors import error_text, LimitReached, Unwritten
-from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.recording.errors import error_text, FailureLog, LimitReached, Unwritten
 from opencv_tools.recording.frames import ReceivedFrame
 
 T = TypeVar('T')
@@ -202,6 +201,7 @@ class Recorder(Generic[P]):
         """
         self.counts = FrameCounts()
         self.is_full = False
+        self.limit = ''  # which limit the recording has reached
         self.is_unfinished = False  # other messages or the end of a file failed
         self._abandoned: list[_Job] = []
         self._seen = SinkCounts()
@@ -305,7 +305,7 @@ class Recorder(Generic[P]):
         except LimitReached as err:
             self.counts.skipped += job.frame.count
             if not self.is_full:
-                self.is_full = True
+                self.is_full, self.limit = True, str(err)
                 self._log.info(f'Recording limit reached: {err}')
                 self._on_full()
             job.done(Unwritten(str(err), 'skipped'))

@@ -25,15 +25,12 @@ from opencv_tools.base.logs import Log
 from opencv_tools.base.regular_files import user_path
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
-from opencv_tools.recording.bag_file import MessageBatch
-from opencv_tools.recording.bag_sink import BagSink
-from opencv_tools.recording.errors import RecordingError, Unwritten
-from opencv_tools.recording.failure_log import plain_reason
-from opencv_tools.recording.frames import ReceivedFrame
+from opencv_tools.recording.bag_sink import BagSink, MessageBatch
+from opencv_tools.recording.errors import plain_reason, RecordingError, Unwritten
+from opencv_tools.recording.frames import PacketFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
-from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
 from opencv_tools.topics.timers import create_steady_timer

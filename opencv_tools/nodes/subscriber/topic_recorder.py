@@ -30,8 +30,8 @@ from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.errors import CdrError
 from opencv_tools.message_types.definition import DefinitionError, full_name
-from opencv_tools.nodes.bag_messages import offered_qos
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.nodes.conversion import offered_qos
+from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone

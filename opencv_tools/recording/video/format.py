@@ -31,15 +31,13 @@ from opencv_tools.base.units import NANO
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError, KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
-from opencv_tools.recording.frames import RawFrame, ReceivedFrame
+from opencv_tools.recording.file_sink import FileFormat, OpenFile, Room
+from opencv_tools.recording.frames import PacketFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import VideoFile, WrittenVideo
-from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
-from opencv_tools.recording.video.writer import VideoWriter
+from opencv_tools.recording.video.writer import to_video_frame, VideoFrame, VideoWriter
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import has_parameter_sets, parameter_sets
 

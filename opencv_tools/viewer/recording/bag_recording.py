@@ -12,7 +12,6 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A recording of image topics in a bag, until a page or the disk ends it."""
 
 from __future__ import annotations
@@ -22,17 +21,24 @@ from functools import partial
 from pathlib import Path
 from threading import Lock
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import printable
-from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.disk_reserve import SinkWithReserve
+from opencv_tools.image.errors import ImageError
+from opencv_tools.nodes.conversion import BagMessages
+from opencv_tools.recording.bag_sink import BagSink, MessageFrame, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
-from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.viewer.recording.images import RecordedImages, Topic
+from opencv_tools.topics.options import SubscriptionOptions
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.topics.subscription import FrameSubscription
 from rclpy.node import Node
+
+# Frames of a topic that the middleware keeps while the executor is busy.
+_DEPTH = 64
+# Frames that stay in shared memory while they wait to be written; more are copied.
+_MAX_VIEWS = 2
 
 # Frames that wait for the disk, and their bytes. A frame that finds no room is dropped.
 _MAX_FRAMES, _MAX_BYTES = 1000, 256 << 20
@@ -40,10 +46,83 @@ _SILENT_SECONDS = 3.0
 _MAX_SILENT = 3  # topics whose reasons are shown
 
 
+class Topic(NamedTuple):
+    """
+    An image topic to record.
+
+    :param name: name of the topic, without the end of a transport.
+    :param transport: transport as the pages receive it; ``auto`` prefers compressed images.
+    """
+
+    name: str
+    transport: str
+
+
+class RecordedImages:
+    """Receive each frame of a topic, and the camera_info beside it, in the executor."""
+
+    def __init__(
+        self, node: Node, topic: Topic, log: Log,
+        on_frame: Callable[[MessageFrame], object],
+        on_message: Callable[[RecordedMessage], object],
+    ) -> None:
+        """
+        Subscribe.
+
+        :param on_frame: called with each frame, as it was received.
+        :param on_message: called with each camera_info, as it was received.
+        :raises ParameterError: the topic cannot be subscribed to.
+        """
+        self.received = self.unreadable = 0
+        self.heard_at = time.monotonic()  # time of the last frame, or of the beginning
+        self._on_frame = on_frame
+        self._subscription = FrameSubscription(
+            node, topic.name, log, self._receive, self._count_unreadable,
+            SubscriptionOptions(transport=topic.transport, depth=_DEPTH, prefers_compressed=True,
+                                decodes_video=False, max_views=_MAX_VIEWS))
+        self._messages = BagMessages(node, self._subscription.topic_name, log, on_message)
+        self._subscription.start()
+
+    @property
+    def lost(self) -> int:
+        """Return the number of frames that were published, but did not arrive."""
+        account = self._subscription.account
+        return account.lost + account.skipped
+
+    def explain_briefly(self) -> str:
+        """Return the reason why no frame arrives, without the remedies, which the log has."""
+        return self._subscription.explain_no_frames().partition('; ')[0]
+
+    def close(self, has_room: Callable[[], bool]) -> int:
+        """
+        Pass on what was received until now, and unsubscribe.
+
+        :param has_room: returns whether another frame can be recorded.
+        :returns: number of frames that were not passed on.
+        """
+        unprocessed = self._subscription.close(has_room)
+        self._messages.close()
+        return unprocessed
+
+    def _receive(self, received: ReceivedMessage) -> None:
+        try:
+            frame = self._messages.frame(received, self._subscription.topic_name)
+        except ImageError as err:
+            self._count_unreadable(err)
+            return
+        self.received += 1
+        self.heard_at = time.monotonic()
+        self._on_frame(frame)
+
+    def _count_unreadable(self, _: ImageError) -> None:
+        self.unreadable += 1
+        self.heard_at = time.monotonic()
+
+
 class BagRecording:
     """Record the frames of topics in one bag. Nothing waits for the disk but a thread."""
 
-    def __init__(self, sink: SinkWithReserve, log: Log,
+    def __init__(self, sink: BagSink, log: Log,
                  on_full: Callable[[], object] = lambda: None) -> None:
         """
         Begin without topics.
@@ -143,8 +222,8 @@ class BagRecording:
 
     def _describe_problem(self) -> str:
         """Return what the user should know, as a sentence; '' for nothing."""
-        problem = self._sink.refusal or self._problem
-        if self._sink.is_cut_off:
+        problem = self._recorder.limit or self._problem
+        if self._recorder.is_unfinished:
             return (f'the bag is not finished: {problem or "the log has the reason"}; the next '
                     'start of the node finishes it, if the disk has room')
         if problem:

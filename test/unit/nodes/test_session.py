@@ -22,7 +22,7 @@ from console import Console
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.nodes.subscriber.session import RecordingSession
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.selection import Limits, Selection

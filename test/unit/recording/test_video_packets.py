@@ -33,11 +33,10 @@ import numpy as np
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
+from opencv_tools.recording.bag_sink import MessageFrame
 from opencv_tools.recording.errors import LimitReached
-from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.message_frame import MessageFrame
+from opencv_tools.recording.frames import PacketFrame, RawFrame
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.container import VideoFile

@@ -31,7 +31,7 @@ from opencv_tools.image_viewer import ImageViewer
 from opencv_tools.nodes.run_node import ClosableNode
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer.graph import Graph
-from opencv_tools.viewer.recording.images import RecordedImages, Topic
+from opencv_tools.viewer.recording.bag_recording import RecordedImages, Topic
 from opencv_tools.viewer.streams.feed import Feed
 import pytest
 import rclpy
