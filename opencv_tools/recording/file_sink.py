@@ -305,24 +305,12 @@ class FileSink(Generic[W, P]):
             self._folder.close()
 
     def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
-        file = self._file
-        if file and self._is_over(file, frame, prepared):
-            self._end(file)
-        self._format.check(self._file, frame, prepared)
-        is_written = not self._is_full and self._write(frame, prepared)
-        if not is_written and self._ring and self._file:
-            full = self._file.writer
+        if self._file and self._is_over(self._file, frame, prepared):
             self._end(self._file)
-            self._format.check(None, frame, prepared)
-            is_written = _has_content(full) and self._write(frame, prepared)
-            if not is_written:
-                raise UnwritableError(self._refusal)
-        if not is_written or not self._file:
-            self._is_full = True
-            raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
-        if _has_content(self._file.writer):
+        file = self._write(frame, prepared) or self._write_next(frame, prepared)
+        if _has_content(file.writer):
             self._outage.end()
-        return self._file.path
+        return file.path
 
     def _is_over(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
         """Return whether a file ends before a frame."""
@@ -331,8 +319,11 @@ class FileSink(Generic[W, P]):
         return is_split or not (
             self._is_at_path(file) and self._format.continues(file, frame, prepared))
 
-    def _write(self, frame: ReceivedFrame, prepared: P) -> bool:
-        """Write a frame to the file, or to a new one; return False if that has no room."""
+    def _write(self, frame: ReceivedFrame, prepared: P) -> OpenFile[W] | None:
+        """Write a frame to the file, or to a new one; return None if that has no room."""
+        self._format.check(self._file, frame, prepared)
+        if self._is_full:
+            return None
         file = self._file = self._file or self._numbering.claim(
             frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
         self._format.write_others(file.writer, prepared)
@@ -344,7 +335,24 @@ class FileSink(Generic[W, P]):
         if self._ring:
             self._ring.make_room(replace(
                 file.entry, size=file.writer.size, frames=file.writer.frames + 1), file.last_ns)
-        return self._format.write(file, frame, prepared)
+        return file if self._format.write(file, frame, prepared) else None
+
+    def _write_next(self, frame: ReceivedFrame, prepared: P) -> OpenFile[W]:
+        """
+        Write a frame to the next file of a ring, because the present one is full.
+
+        :raises LimitReached: there is no ring, so the recording is full.
+        :raises UnwritableError: no file of the ring can hold the frame.
+        """
+        full = self._file
+        if not self._ring or not full:
+            self._is_full = True
+            raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
+        self._end(full)
+        file = self._write(frame, prepared) if _has_content(full.writer) else None
+        if not file:
+            raise UnwritableError(self._refusal)
+        return file
 
     def _room_of(self, entry: ManifestEntry, arrival_ns: int) -> Room:
         """Return the room of a file that begins with a frame."""
