@@ -44,7 +44,7 @@ def test_account(outcomes: list[tuple[int, Path | Unwritten]], account: str) -> 
         batch.result.written, outcome = waiting.pop(0)
         on_done(outcome)
 
-    topic = RecordedTopic(None, TF, object, None)
+    topic = RecordedTopic(TF)
     batches = MessageBatches('/video_frames', put, Console())
     for _ in outcomes:
         for number in range(10):
