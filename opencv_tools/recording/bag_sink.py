@@ -65,6 +65,11 @@ class MessageFrame(ReceivedFrame):
     publish_ns: int = 0
     number: int = 0
 
+    @property
+    def size(self) -> int:
+        """Size of the data of the message in bytes."""
+        return memoryview(self.message.data).nbytes
+
     def decode(self) -> RawFrame:
         """
         Return the frame as pixels.

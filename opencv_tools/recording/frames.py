@@ -54,6 +54,11 @@ class ReceivedFrame:
         """Time of the frame in nanoseconds: its stamp, or the time of reception if it has none."""
         return self.metadata.stamp_ns or self.receive_ns
 
+    @property
+    def size(self) -> int:
+        """Bytes that count for the maximum size of the frames that wait."""
+        return 0
+
     def decode(self) -> RawFrame:
         """
         Return the frame as pixels.

@@ -294,7 +294,7 @@ class PageRecorder:
         :returns: whether there is a recording.
         """
         if self._recording and self._phase:
-            self._recording.abandon()
+            self._recording.recorder.abandon()
             return True
         return False
 

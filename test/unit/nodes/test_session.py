@@ -21,7 +21,7 @@ from pathlib import Path
 from console import Console
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
-from opencv_tools.nodes.subscriber.session import RecordingSession
+from opencv_tools.nodes.subscriber.session import SubscriberSession
 from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.naming import FrameMetadata
@@ -40,7 +40,7 @@ def batch() -> MessageBatch:
 
 def test_messages_after_the_maximum_duration(node: Node, tmp_path: Path) -> None:
     clock, ended = SteppedClock(), []
-    session = RecordingSession(node, RecorderSettings(
+    session = SubscriberSession(node, RecorderSettings(
         output_dir=str(tmp_path), file_name='a.mcap', topics='/said', max_duration=7.0),
         Console(), lambda: ended.append(clock.now))
     session._selection = Selection(1, 0.0, Limits(max_seconds=7.0), clock.monotonic)

@@ -114,7 +114,7 @@ def test_bytes_that_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.Monkey
     sink, console = StuckSink(tmp_path), Console()
     recording = BagRecording(sink, console)  # type: ignore[arg-type]
     frames = raw_frames(*(received(number) for number in range(30)))
-    assert [recording.put(frame) for frame in frames].count(True) == 10
+    assert [recording.record(frame) for frame in frames].count(True) == 10
     sink.may_write.set()
     recording.stop()
     recording.finish()
@@ -133,7 +133,7 @@ def test_bag_that_cannot_be_finished(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(BagSink, 'close', close)
     recording = BagRecording(sink, console)
     for frame in raw_frames(received(1)):
-        recording.put(frame)
+        recording.record(frame)
     recording.stop()
     assert recording.account()['problem'] == ''
     recording.finish()
@@ -147,8 +147,8 @@ def test_abandoned_frames(tmp_path: Path) -> None:
     sink = StuckSink(tmp_path)
     recording = BagRecording(sink, Console())  # type: ignore[arg-type]
     for frame in raw_frames(*(received(number) for number in range(30))):
-        recording.put(frame)
-    recording.abandon()
+        recording.record(frame)
+    recording.recorder.abandon()
     sink.may_write.set()
     recording.stop()
     recording.finish()
