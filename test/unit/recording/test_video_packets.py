@@ -191,6 +191,15 @@ def test_publishers_without_numbers_are_not_mixed(tmp_path: Path) -> None:
     videos.close()
 
 
+def test_publisher_goes_on_after_a_packet_of_another(tmp_path: Path) -> None:
+    first, second = flat_packets(4), flat_packets(4)
+    videos = open_videos(tmp_path)
+    assert put(videos, *frames_of(first[:2]), frame_of(second[2], 2, b'b'),
+               *frames_of(first[2:], 2)) == [2]
+    videos.close()
+    assert numbers(tmp_path / 'clip.mkv') == [0, 1, 2, 3]
+
+
 def test_another_publisher_begins_with_a_key_frame(tmp_path: Path) -> None:
     first, second = flat_packets(3), flat_packets(6, first=3, keys=(5,))
     videos = open_videos(tmp_path)
