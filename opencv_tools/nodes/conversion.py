@@ -136,7 +136,7 @@ class BagMessages:
         self._image_topics: dict[str, str] = {}
         self._throttle = Throttle()
         info_topic = camera_info_topic(topic)
-        self._subscribe(info_topic, self._offers(info_topic, CAMERA_INFO))
+        self._subscribe(info_topic, offers_of(self._node, info_topic, CAMERA_INFO))
 
     def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
         """
@@ -154,9 +154,6 @@ class BagMessages:
 
     def close(self) -> None:
         """Pass on the messages of camera_info that have arrived, and unsubscribe."""
-        self._unsubscribe()
-
-    def _unsubscribe(self) -> None:
         for _ in range(_DEPTH):
             taken = take_serialized(self._subscription.handle)
             if taken is None:
@@ -169,9 +166,9 @@ class BagMessages:
         """Subscribe again if the topic has changed, or its publishers offer something else."""
         if not self._throttle.passes('camera_info', _CHECK_SECONDS):
             return
-        offers = self._offers(topic, CAMERA_INFO)
+        offers = offers_of(self._node, topic, CAMERA_INFO)
         if topic != self._topic or (offers and _qos(offers) != self._qos):
-            self._unsubscribe()
+            self.close()
             self._subscribe(topic, offers)
 
     def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
@@ -199,7 +196,7 @@ class BagMessages:
     def _topic_of_images(self, topic: str) -> str:
         """Return the topic of raw images, which may be decoded from a video topic."""
         if topic not in self._image_topics:
-            is_video = any(self._offers(topic, type_name) for type_name in VIDEO_TOPICS)
+            is_video = any(offers_of(self._node, topic, type_name) for type_name in VIDEO_TOPICS)
             self._image_topics[topic] = image_topic(topic) if is_video else topic
         return self._image_topics[topic]
 
@@ -207,11 +204,8 @@ class BagMessages:
         """Return a topic as a bag describes it, with the publishers at its first message."""
         if (topic, type_name) not in self._channels:
             self._channels[topic, type_name] = bag_channel(
-                topic, type_name, self._offers(topic, type_name))
+                topic, type_name, offers_of(self._node, topic, type_name))
         return self._channels[topic, type_name]
-
-    def _offers(self, topic: str, type_name: str) -> list[TopicEndpointInfo]:
-        return offers_of(self._node, topic, type_name)
 
 
 def type_of(received: ReceivedMessage) -> str:

@@ -180,10 +180,9 @@ class BagFile:
         :returns: False if the message would exceed the maximum size.
         :raises OSError: the file cannot be written; it has all earlier messages.
         """
-        if not self._room(self._writer.size_with(message.channel, message.size)):
+        if not self._write(message):
             self.is_full = self.is_full or is_frame
             return False
-        self._write(message)
         self.frames += is_frame
         self.flushed = self.frames
         return True
@@ -196,20 +195,23 @@ class BagFile:
         :raises OSError: the file cannot be written; it has all earlier messages.
         """
         for message in batch.messages[batch.result.written:]:
-            if not self._room(self._writer.size_with(message.channel, message.size)):
+            if not self._write(message):
                 self.is_full = True
                 return False
-            self._write(message)
             batch.result.written += 1
             self.others += 1
         return True
 
-    def _write(self, message: RecordedMessage) -> None:
+    def _write(self, message: RecordedMessage) -> bool:
+        """Write a message if there is room for it."""
+        if not self._room(self._writer.size_with(message.channel, message.size)):
+            return False
         self.bytes_waiting = message.size
         self._writer.write(
             message.channel, message.parts, log_ns=message.log_ns, publish_ns=message.publish_ns,
             sequence=message.number)
         self.bytes_waiting = 0
+        return True
 
     def close(self) -> None:
         """

@@ -343,27 +343,11 @@ class TopicRecorder:
             self._unsubscribe(topic)
             del self._topics[topic.channel.topic]
             return
-        self._warn_of_types(topic.channel, found, publishers)
+        _warn_of_types(self._log, topic.channel, found)
         topic.order.discover(_identifiers(publishers))
         if publishers:
             self._subscribe(topic, publishers)
         topic.publishers = identifiers
-
-    def _warn_of_types(
-        self, channel: BagChannel, found: list[TopicEndpointInfo],
-        publishers: list[TopicEndpointInfo],
-    ) -> None:
-        """Warn once of publishers with another type, or with another definition of the type."""
-        name, type_name = channel.topic, channel.type_name
-        others = sorted({*map(_type_name, found)} - {type_name})
-        if others:
-            self._log.warning(
-                f'{name} has publishers of {enumerated(others)}, whose messages are neither '
-                f'recorded nor counted while there are publishers of {type_name}',
-                once=f'types of {name}: {" ".join(others)}')
-        if {_type_hash(info) for info in publishers} - {channel.type_hash}:
-            self._log.warning(f'{name} has publishers with another definition of {type_name}; '
-                              'the bag has that of the first', once=f'definition of {name}')
 
     def _subscribe(self, topic: RecordedTopic, publishers: list[TopicEndpointInfo]) -> None:
         """Subscribe with the quality of service of publishers, unless that has not changed."""
@@ -436,3 +420,18 @@ def _type_name(publisher: TopicEndpointInfo) -> str:
 def _type_hash(publisher: TopicEndpointInfo) -> str:
     """Return the hash of the type of a publisher; '' if it names none."""
     return str(publisher.topic_type_hash).replace('INVALID', '')
+
+
+def _warn_of_types(log: Log, channel: BagChannel, found: list[TopicEndpointInfo]) -> None:
+    """Warn once of publishers with another type, or with another definition of the type."""
+    name, type_name = channel.topic, channel.type_name
+    others = sorted({*map(_type_name, found)} - {type_name})
+    if others:
+        log.warning(
+            f'{name} has publishers of {enumerated(others)}, whose messages are neither '
+            f'recorded nor counted while there are publishers of {type_name}',
+            once=f'types of {name}: {" ".join(others)}')
+    if any(_type_hash(info) != channel.type_hash for info in found
+           if _type_name(info) == type_name):
+        log.warning(f'{name} has publishers with another definition of {type_name}; the bag has '
+                    'that of the first', once=f'definition of {name}')
