@@ -321,7 +321,7 @@ class Recorder(Generic[P]):
         except KeyFrameNeeded as err:
             self.counts.left_out += job.frame.count
             self.log.warning(f'a frame was left out until the next key frame: {err}',
-                              every=_LEFT_OUT_SECONDS, key='left out')
+                             every=_LEFT_OUT_SECONDS, key='left out')
             job.done(Unwritten(str(err), 'skipped'))
         except Exception as err:  # noqa: B902 - as above
             self.counts.failed += job.frame.count
@@ -349,7 +349,7 @@ class Recorder(Generic[P]):
         if now.lost_others > seen.lost_others:
             self.is_unfinished = True
             self.log.error(f'{now.lost_others - seen.lost_others} messages of topics are lost: '
-                            f'{now.reason}')
+                           f'{now.reason}')
         if now.warning != seen.warning:
             self.log.warning(now.warning)
         if now.kept > seen.kept:

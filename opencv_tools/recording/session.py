@@ -66,7 +66,7 @@ class RecordingSession:
 
     @property
     def counts(self) -> FrameCounts:
-        """What has become of the received frames; no count has those that wait."""
+        """Return what has become of the received frames; no count has those that wait."""
         return self.recorder.counts + self.others + FrameCounts(
             unprocessed=self.recorder.abandoned)
 
