@@ -516,7 +516,7 @@ RECORD = """
 import pathlib, sys
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireHeader, WireImage
-from opencv_tools.recording.frames import MessageFrame
+from opencv_tools.recording.bag_sink import MessageFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import open_sink
