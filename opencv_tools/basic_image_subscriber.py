@@ -24,16 +24,14 @@ from opencv_tools.base.logs import log_if_slow
 from opencv_tools.base.progress import open_progress
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.errors import ImageError
-from opencv_tools.nodes.bag_messages import BagMessages
-from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.nodes.conversion import BagMessages, FrameConverter
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
-from opencv_tools.nodes.subscriber.session import RecordingSession
+from opencv_tools.nodes.subscriber.session import SubscriberSession
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
-from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import Account, FrameSubscription
@@ -63,9 +61,8 @@ class ImageSubscriber(ClosableNode):
         self._log, self._progress = open_progress(
             self.get_logger(), 'Receiving video frame', settings.max_frames)
         self._failure_log = FailureLog(self._log)
-        self._unreadable = 0
         self._converter = FrameConverter(self.br, settings.max_pixels)
-        self._session = RecordingSession(self, settings, self._log, lambda: self._end(EXIT_OK))
+        self._session = SubscriberSession(self, settings, self._log, lambda: self._end(EXIT_OK))
         self.subscription = FrameSubscription(
             self, 'video_frames', self._log, self.listener_callback, self._count_unreadable,
             SubscriptionOptions(transport=settings.transport, depth=settings.depth,
@@ -113,7 +110,7 @@ class ImageSubscriber(ClosableNode):
 
     def hurry(self) -> None:
         """Leave the frames that wait to be written."""
-        self._session.abandon()
+        self._session.recorder.abandon()
 
     def close(self) -> int:
         """
@@ -122,46 +119,43 @@ class ImageSubscriber(ClosableNode):
         :returns: the exit status.
         """
         with log_if_slow(self._log, 'Writing the received frames; Ctrl-C ends without them'):
-            unprocessed, account = self._record_remaining()
+            account = self._record_remaining()
             if self._bag_messages:
                 self._bag_messages.close()
             if self._topic_recorder:
                 self._topic_recorder.close()
             self._session.close()
         self._progress.close()
-        recorder = self._session.recorder
-        counts = recorder.counts
-        unprocessed += recorder.abandoned
-        failed = counts.failed + self._unreadable
-        skipped = counts.skipped + self._session.skipped
-        left_out = counts.left_out + self._session.left_out
+        recorder, counts = self._session.recorder, self._session.counts
         self._log.info(
             f'Received {self._progress.count - recorder.abandoned} frames at '
             f'{self._progress.average_rate():.1f} Hz: '
             f'{counts.written} written to {self._session.folder}, {counts.dropped} dropped, '
-            f'{failed} failed, {account.lost + account.skipped} lost in transit'
+            f'{counts.failed} failed, {account.lost + account.skipped} lost in transit'
             + ('' if account.is_complete else ' since the first received frame')
-            + (f', {unprocessed} not processed' if unprocessed else '')
-            + (f', {left_out} left out before a key frame' if left_out else '')
-            + (f', {skipped} skipped as requested' if skipped else ''))
+            + (f', {counts.unprocessed} not processed' if counts.unprocessed else '')
+            + (f', {counts.left_out} left out before a key frame' if counts.left_out else '')
+            + (f', {counts.skipped} skipped as requested' if counts.skipped else ''))
         has_topics = not self._topic_recorder or self._topic_recorder.log_summary()
-        if failed or unprocessed or recorder.is_unfinished or not has_topics:
+        if counts.failed or counts.unprocessed or recorder.is_unfinished or not has_topics:
             return EXIT_FAILURE
         return super().close()
 
-    def _record_remaining(self) -> tuple[int, Account]:
-        """Record received frames; return the number of those left, and what became of others."""
+    def _record_remaining(self) -> Account:
+        """Record received frames, and count those left; return what became of others."""
         if self.done.done():
             account = self.subscription.account  # without the frames that wait in vain
             self.subscription.destroy()
-            return 0, account
+            return account
         deadline = time.monotonic() + _END_SECONDS
         unprocessed = self.subscription.close(lambda: self._session.wait_for_room(deadline))
-        return 0 if self.done.done() else unprocessed, self.subscription.account
+        if not self.done.done():
+            self._session.others.unprocessed += unprocessed
+        return self.subscription.account
 
     def _count_unreadable(self, err: ImageError | CvBridgeError) -> None:
         """Count and log a message that cannot be recorded."""
-        self._unreadable += 1
+        self._session.others.failed += 1
         self._failure_log.bad_frame(f'message not recorded: {err}')
         self._progress.tick('unreadable message', **self._lost())
 

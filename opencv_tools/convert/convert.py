@@ -46,16 +46,12 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.bag_sink import BagSink
-from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.failure_log import FailureLog
-from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.bag_sink import BagSink, MessageFrame, RecordedMessage
+from opencv_tools.recording.errors import FailureLog, RecordingError
+from opencv_tools.recording.frames import CompressedFrame, packet_frame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import COMPRESSED_SUFFIXES, EncoderSettings
-from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import check_folder, FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, KEEPS_PACKETS, open_sink
-from opencv_tools.recording.packet_frame import packet_frame
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS

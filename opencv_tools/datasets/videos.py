@@ -29,8 +29,7 @@ from opencv_tools.base.regular_files import open_regular
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.recording.errors import VideoError
-from opencv_tools.recording.video.frame import to_video_frame
-from opencv_tools.recording.video.writer import check_video
+from opencv_tools.recording.video.writer import check_video, to_video_frame
 
 # PyAV is imported in functions, because the import is slow.
 

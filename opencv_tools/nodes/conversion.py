@@ -12,20 +12,45 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Conversion of image messages to frames of a recording."""
+"""Conversion of received messages to frames of a recording, for files and for bags."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import time
 from typing import Any
 
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
+from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.base.logs import Log, Throttle
 from opencv_tools.cv_bridge import CvBridge
-from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage, WireMessage
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
-from opencv_tools.recording.frames import ArrivalClock, CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.recording.bag_sink import MessageFrame, RecordedMessage
+from opencv_tools.recording.frames import (
+    ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.recording.packet_frame import packet_frame
-from opencv_tools.video.messages import WireVideo
+from opencv_tools.topics.events import destroyable
+from opencv_tools.topics.qos import following_qos
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.transport.zero_copy import take_serialized
+from opencv_tools.video.messages import VIDEO_TOPICS, WireVideo
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from sensor_msgs.msg import CameraInfo
+
+# Messages of camera_info that the middleware keeps while the node is busy.
+_DEPTH = 100
+# Period of the check of the publishers of camera_info.
+_CHECK_SECONDS = 1.0
+# Maximum size of a camera_info in bytes, because many may wait for the next frame.
+_MAX_BYTES = 1 << 16
+_WARNING_SECONDS = 60.0
+# Publishers of a topic whose quality of service is stored.
+_MAX_PUBLISHERS = 100
 
 
 class FrameConverter:
@@ -89,3 +114,148 @@ def _declared_size(data: Any) -> tuple[int, int]:
         return image_size(bytes(data))
     except SizeError:
         return 0, 0
+
+
+class BagMessages:
+    """Create the messages of a bag. The topics are described with what their publishers offer."""
+
+    def __init__(
+        self, node: Node, topic: str, log: Log, on_message: Callable[[RecordedMessage], object],
+    ) -> None:
+        """
+        Create a converter and subscribe to the camera_info beside the images.
+
+        :param topic: topic of the frames, after remapping.
+        :param on_message: called with each camera_info, as it was received.
+        """
+        self._node = node
+        self._log = log
+        self._on_message = on_message
+        self._arrivals = ArrivalClock()
+        self._channels: dict[tuple[str, str], BagChannel] = {}
+        self._image_topics: dict[str, str] = {}
+        self._throttle = Throttle()
+        info_topic = camera_info_topic(topic)
+        self._subscribe(info_topic, offers_of(self._node, info_topic, CAMERA_INFO))
+
+    def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
+        """
+        Return a message as a frame, without a check of its content.
+
+        :param received: raw or compressed image message, or message with video.
+        :param topic: topic of the message, after remapping.
+        """
+        type_name = type_of(received)
+        if type_name == IMAGE:
+            topic = self._topic_of_images(topic)
+        self._follow_camera_info(camera_info_topic(topic))
+        return frame_of(received, self._channel(topic, type_name),
+                        self._arrivals.arrival_ns(received.receive_ns))
+
+    def close(self) -> None:
+        """Pass on the messages of camera_info that have arrived, and unsubscribe."""
+        for _ in range(_DEPTH):
+            taken = take_serialized(self._subscription.handle)
+            if taken is None:
+                break
+            serialized, info = taken
+            self._pass_on(serialized, info.received_timestamp, info.source_timestamp, info.number)
+        self._node.destroy_subscription(self._subscription)
+
+    def _follow_camera_info(self, topic: str) -> None:
+        """Subscribe again if the topic has changed, or its publishers offer something else."""
+        if not self._throttle.passes('camera_info', _CHECK_SECONDS):
+            return
+        offers = offers_of(self._node, topic, CAMERA_INFO)
+        if topic != self._topic or (offers and _qos(offers) != self._qos):
+            self.close()
+            self._subscribe(topic, offers)
+
+    def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
+        self._topic, self._qos = topic, _qos(offers)
+        receive: Any = self._receive  # the types of rclpy lack the second argument
+        self._subscription = destroyable(self._node.create_subscription(
+            CameraInfo, topic, receive, self._qos, raw=True))
+
+    def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
+        self._pass_on(serialized, info['received_timestamp'], info['source_timestamp'])
+
+    def _pass_on(
+        self, serialized: Any, received_ns: int, source_ns: int, number: int = 0,
+    ) -> None:
+        if len(serialized) > _MAX_BYTES:
+            self._log.warning(
+                f'a message of {len(serialized)} bytes on {self._topic} was not recorded: a '
+                f'camera_info has at most {_MAX_BYTES}', every=_WARNING_SECONDS, key='camera_info')
+            return
+        log_ns = received_ns or time.time_ns()
+        self._on_message(RecordedMessage(
+            channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
+            publish_ns=source_ns or log_ns, number=number))
+
+    def _topic_of_images(self, topic: str) -> str:
+        """Return the topic of raw images, which may be decoded from a video topic."""
+        if topic not in self._image_topics:
+            is_video = any(offers_of(self._node, topic, type_name) for type_name in VIDEO_TOPICS)
+            self._image_topics[topic] = image_topic(topic) if is_video else topic
+        return self._image_topics[topic]
+
+    def _channel(self, topic: str, type_name: str) -> BagChannel:
+        """Return a topic as a bag describes it, with the publishers at its first message."""
+        if (topic, type_name) not in self._channels:
+            self._channels[topic, type_name] = bag_channel(
+                topic, type_name, offers_of(self._node, topic, type_name))
+        return self._channels[topic, type_name]
+
+
+def type_of(received: ReceivedMessage) -> str:
+    """Return the type of a message."""
+    message = received.message
+    if isinstance(message, WireVideo):
+        return message.type_name
+    return COMPRESSED_IMAGE if isinstance(message, WireCompressedImage) else IMAGE
+
+
+def frame_of(
+    received: ReceivedMessage, channel: BagChannel, arrival_ns: int = 0,
+) -> MessageFrame:
+    """
+    Return a message as a frame, without a check of its content.
+
+    :param arrival_ns: time of reception in nanoseconds of CLOCK_MONOTONIC.
+    """
+    message = received.message
+    header = message.header
+    encoding = message.format if isinstance(message, WireCompressedImage) else message.encoding
+    return MessageFrame(
+        metadata=FrameMetadata(header.stamp_ns, header.frame_id, encoding, channel.topic),
+        receive_ns=received.receive_ns, arrival_ns=arrival_ns, message=message, channel=channel,
+        publish_ns=received.publish_ns, number=received.number)
+
+
+def offers_of(node: Node, topic: str, type_name: str) -> list[TopicEndpointInfo]:
+    """Return the publishers of a topic that have a type."""
+    return [info for info in node.get_publishers_info_by_topic(topic)
+            if info.topic_type == type_name][:_MAX_PUBLISHERS]
+
+
+def bag_channel(topic: str, type_name: str, offers: list[TopicEndpointInfo]) -> BagChannel:
+    """Return a topic as a bag describes it, given its publishers."""
+    hashes = {str(offer.topic_type_hash) for offer in offers} - {'INVALID'}
+    return BagChannel(
+        topic=topic, type_name=type_name, qos=offered_qos_text(map(offered_qos, offers)),
+        type_hash=min(hashes, default=''))
+
+
+def _qos(offers: list[TopicEndpointInfo]) -> QoSProfile:
+    return following_qos([offer.qos_profile for offer in offers], _DEPTH)
+
+
+def offered_qos(offer: TopicEndpointInfo) -> OfferedQos:
+    """Return the quality of service of a publisher as a bag describes it."""
+    qos = offer.qos_profile
+    return OfferedQos(
+        history=qos.history.value, depth=qos.depth, reliability=qos.reliability.value,
+        durability=qos.durability.value, deadline_ns=qos.deadline.nanoseconds,
+        lifespan_ns=qos.lifespan.nanoseconds, liveliness=qos.liveliness.value,
+        liveliness_lease_ns=qos.liveliness_lease_duration.nanoseconds)

@@ -19,36 +19,222 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, ClassVar
 
-from opencv_tools.bags.writing import BagChannel
+from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import (
     COMPRESSED_IMAGE, IMAGE, message_to_cdr_parts, WireCompressedImage, WireHeader, WireImage,
     WireMessage)
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import ImageError, SizeError
+from opencv_tools.image.errors import ImageError, KeyFrameNeeded, SizeError
 from opencv_tools.image.image_size import image_size
-from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_file import BagFile, MessageBatch, RecordedImage, RecordedMessage
+from opencv_tools.image.layout import array_to_wire, view_pixels
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
-from opencv_tools.recording.file_sink import FileSink
+from opencv_tools.recording.file_sink import FileFormat, FileSink, OpenFile, Room
 from opencv_tools.recording.folder import Folder
-from opencv_tools.recording.frames import CompressedFrame, ReceivedFrame
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
     COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.selection import Limits
 from opencv_tools.video.messages import WireVideo
 from opencv_tools.video.parameter_sets import is_key_frame, picture_size
 
 _MAX_WAITING = 1000  # other messages between two frames
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageFrame(ReceivedFrame):
+    """
+    A frame as its message, for a bag.
+
+    :param message: immutable image message of any encoding, or message with video.
+    :param channel: topic of the message as a bag describes it.
+    :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
+    :param number: number of the message from its publisher; 0 if unknown.
+    """
+
+    message: WireMessage | WireVideo
+    channel: BagChannel
+    publish_ns: int = 0
+    number: int = 0
+
+    @property
+    def size(self) -> int:
+        """Size of the data of the message in bytes."""
+        return memoryview(self.message.data).nbytes
+
+    def decode(self) -> RawFrame:
+        """
+        Return the frame as pixels.
+
+        :raises ImageError: the message is not a valid image, or it is video.
+        """
+        if isinstance(self.message, WireVideo):
+            raise KeyFrameNeeded('video is not decoded without the messages before it')
+        message, times = self.message, {
+            'receive_ns': self.receive_ns, 'arrival_ns': self.arrival_ns}
+        if isinstance(message, WireCompressedImage):
+            return CompressedFrame(metadata=self.metadata, data=message.data, **times).decode()
+        encoding = find_encoding(message.encoding)
+        image = view_pixels(message.data, message.height, message.width, message.step, encoding,
+                            message.is_bigendian)
+        return RawFrame(metadata=self.metadata, image=image.astype(encoding.dtype, copy=False),
+                        **times)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedMessage(Prepared):
+    """
+    A message for a bag.
+
+    :param parts: buffers with its CDR, in order.
+    :param log_ns: time of reception in nanoseconds of the system clock.
+    :param publish_ns: time of publication in nanoseconds of the system clock.
+    :param number: number of the message from its publisher; 0 if unknown.
+    """
+
+    channel: BagChannel
+    parts: tuple[Any, ...]
+    log_ns: int
+    publish_ns: int
+    number: int = 0
+
+    @property
+    def size(self) -> int:
+        """Size of the CDR in bytes."""
+        return sum(memoryview(part).nbytes for part in self.parts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordedImage(RecordedMessage):
+    """
+    A frame for a bag.
+
+    :param image: the message with an image or video.
+    """
+
+    image: WireMessage | WireVideo
+
+
+@dataclass(kw_only=True)
+class BatchResult:
+    """The first ``written`` messages of a batch are in a file."""
+
+    written: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MessageBatch(ReceivedFrame, Prepared):
+    """
+    Messages of other topics, which are written together as a frame is.
+
+    :param messages: the messages, oldest first.
+    """
+
+    count: ClassVar[int] = 0
+    messages: tuple[RecordedMessage, ...]
+    result: BatchResult = field(default_factory=BatchResult)
+
+    @property
+    def log_ns(self) -> int:
+        """Time of reception of the first message in nanoseconds of the system clock."""
+        return self.messages[0].log_ns
+
+
+class BagFile:
+    """A bag as a file of frames; see `FileWriter`."""
+
+    def __init__(self, path: Path, room: Room) -> None:
+        """
+        Create the file.
+
+        :param room: asked before each message.
+        :raises FileExistsError: the file exists; it is not changed.
+        :raises OSError: the file cannot be written.
+        """
+        self.frames = self.flushed = self.skipped = self.bytes_waiting = 0
+        self.is_full = self.is_finished = False
+        self.others = 0  # messages of batches
+        self._path = path
+        self._room = room
+        self._writer = BagWriter(path)
+        self.is_at_path = self._writer.is_at_path
+
+    @property
+    def size(self) -> int:
+        """Size of the file in bytes."""
+        return self._writer.size
+
+    def write(self, message: RecordedMessage, is_frame: bool = True) -> bool:
+        """
+        Write a message; it is in the file when this method returns.
+
+        :param is_frame: whether the message is counted.
+        :returns: False if the message would exceed the maximum size.
+        :raises OSError: the file cannot be written; it has all earlier messages.
+        """
+        if not self._write(message):
+            self.is_full = self.is_full or is_frame
+            return False
+        self.frames += is_frame
+        self.flushed = self.frames
+        return True
+
+    def write_batch(self, batch: MessageBatch) -> bool:
+        """
+        Write the messages of a batch that are not written yet.
+
+        :returns: False if a message would exceed the maximum size.
+        :raises OSError: the file cannot be written; it has all earlier messages.
+        """
+        for message in batch.messages[batch.result.written:]:
+            if not self._write(message):
+                self.is_full = True
+                return False
+            batch.result.written += 1
+            self.others += 1
+        return True
+
+    def _write(self, message: RecordedMessage) -> bool:
+        """Write a message if there is room for it."""
+        if not self._room(self._writer.size_with(message.channel, message.size)):
+            return False
+        self.bytes_waiting = message.size
+        self._writer.write(
+            message.channel, message.parts, log_ns=message.log_ns, publish_ns=message.publish_ns,
+            sequence=message.number)
+        self.bytes_waiting = 0
+        return True
+
+    def close(self) -> None:
+        """
+        Finish the file; remove it if it is empty.
+
+        :raises OSError: the summary cannot be written; the next recording writes it.
+        """
+        try:
+            self._writer.close()
+            self.is_finished = True
+        except OSError as err:
+            raise OSError(
+                err.errno, f'{err.strerror}: {self._path.name} has no index yet, which the next '
+                'recording in its folder adds') from err
+        finally:
+            if not (self.frames or self.others) and self.is_at_path():
+                self._path.unlink(missing_ok=True)
+
+    def measured(self, entry: ManifestEntry) -> ManifestEntry:
+        """Return a manifest entry with the size, and the digest if the file is finished."""
+        return replace(entry, size=self._writer.size,
+                       sha256=self._writer.sha256 if self.is_finished else '')
+
 
 # A frame, or other messages that are written together.
 _Prepared = RecordedImage | MessageBatch

@@ -12,33 +12,159 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording of frames in files that hold many, and the time in which the disk takes none."""
+"""Recording of frames in files that hold many, and the interface of their formats."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import os
 from pathlib import Path
 import time
-from typing import Generic
+from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
-from opencv_tools.recording.file_format import FileFormat, FileWriter, OpenFile, P, Room, W
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.manifest import ManifestEntry
-from opencv_tools.recording.numbering import Numbering
-from opencv_tools.recording.recorder import SinkCounts
+from opencv_tools.recording.numbering import Numbering, StoredFiles
+from opencv_tools.recording.recorder import Prepared, SinkCounts
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.stored_files import StoredFiles
+
+#: What a writer asks before its file grows: whether the finished file may have a size in bytes. A
+#: ring deletes older files for it.
+Room = Callable[[int], bool]
+
+P = TypeVar('P', bound=Prepared)
 
 # Delay after an error of the disk before a new file begins.
 _RETRY_SECONDS = 2.0
 # A new file begins when the disk has room for this multiple of the data that did not fit.
 _ROOM = 2
+#: Bytes of the disk that a recording with a reserve leaves free.
+RESERVE_BYTES = 10**9
+# Period of the check whether the file was removed or moved.
+_CHECK_SECONDS = 1.0
+
+
+class FileWriter(Protocol):
+    """
+    The writer of one file with many frames.
+
+    ``frames`` were accepted. ``flushed`` of them are complete in the file, and ``skipped`` exceed
+    the maximum size. ``others`` are complete messages that are no frames. ``is_full`` means that
+    the next frame would exceed it. ``bytes_waiting`` is an upper bound for the frames that are not
+    in the file.
+    """
+
+    frames: int
+    flushed: int
+    skipped: int
+    others: int
+    is_full: bool
+    bytes_waiting: int
+
+    @property
+    def size(self) -> int:
+        """Size of the file in bytes."""
+
+    def is_at_path(self) -> bool:
+        """Return whether the file is still at its path, or that cannot be determined."""
+
+    def close(self) -> None:
+        """Finish the file; remove it if it has no frame."""
+
+
+W = TypeVar('W', bound=FileWriter)
+
+
+@dataclass(kw_only=True)
+class OpenFile(Generic[W]):
+    """
+    A file that frames are written to.
+
+    :param entry: manifest entry of the file, without its size and digest.
+    :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
+    :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
+    :param is_described: whether the entry describes a frame, not only other messages.
+    :param last_ns: the same of the last frame.
+    """
+
+    path: Path
+    entry: ManifestEntry
+    writer: W
+    offset_ns: int
+    began_ns: int
+    is_described: bool
+    last_ns: int = 0
+
+    def time_ns(self, frame: ReceivedFrame) -> int:
+        """Return the time of a frame, independent of changes of the system clock."""
+        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
+
+    def is_over(self, limits: Limits, frame: ReceivedFrame) -> bool:
+        """Return whether the file has reached the limits of one file before a frame."""
+        writer = self.writer
+        size = writer.size + writer.bytes_waiting
+        return (0 < limits.max_frames <= writer.frames or 0 < limits.max_bytes <= size
+                or 0 < limits.max_ns <= frame.arrival_ns - self.began_ns)
+
+    def removed_text(self) -> str:
+        """Return the reason for the loss of frames in a file that is gone."""
+        return f'{self.path.name} was removed or moved while it was written'
+
+
+class FileFormat(ABC, Generic[W, P]):
+    """What the files of a format do with a frame; a `FileSink` decides which file gets it."""
+
+    #: Sentence about the frames that the user should read; '' for none.
+    warning = ''
+
+    @abstractmethod
+    def prepare(self, frame: ReceivedFrame) -> P:
+        """
+        Convert a frame for the writer; thread-safe.
+
+        :raises ImageError: no file can hold the frame.
+        """
+
+    @abstractmethod
+    def create(self, path: Path, frame: ReceivedFrame, prepared: P, room: Room) -> W:
+        """Create a file; the frame is not written."""
+
+    @abstractmethod
+    def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: P) -> ManifestEntry:
+        """Return the manifest entry of a file that begins with a frame."""
+
+    @abstractmethod
+    def write(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
+        """Write a frame; return False if it would exceed the maximum size."""
+
+    def continues(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
+        """Return whether a frame can continue a file."""
+        return True
+
+    def can_begin(self, prepared: P) -> bool:
+        """Return whether a file can begin with a frame; else the file is split later."""
+        return True
+
+    def check(self, file: OpenFile[W] | None, frame: ReceivedFrame, prepared: P) -> None:
+        """
+        Check that a frame can be written, before all other steps.
+
+        :param file: file that would continue with the frame; None for a new one.
+        :raises KeyFrameNeeded: the frame is left out, because it needs others that are missing.
+        """
+
+    def write_others(self, writer: W, prepared: P | None) -> None:
+        """Write what was received before a frame, or at the end, but is no frame itself."""
+
+    def measured(self, file: OpenFile[W], folder: Path) -> ManifestEntry:
+        """Return the manifest entry of a closed file, with its size and its digest."""
+        return file.entry.measured(folder)
 
 
 class DiskOutage:
@@ -77,18 +203,11 @@ class DiskOutage:
         now = self._monotonic()
         if now < self._retry_at:
             return False
-        try:
-            disk = os.statvfs(folder)
-        except OSError:  # the folder was removed, and is created again
-            return True
-        if disk.f_bavail * disk.f_frsize >= self._needed:
+        free = _free_bytes(folder)
+        if free is None or free >= self._needed:
             return True
         self._retry_at = now + _RETRY_SECONDS
         return False
-
-
-# Period of the check whether the file was removed or moved.
-_CHECK_SECONDS = 1.0
 
 
 class FileSink(Generic[W, P]):
@@ -106,6 +225,8 @@ class FileSink(Generic[W, P]):
         :param monotonic: monotonic clock in seconds.
         """
         self.counts = SinkCounts()
+        #: Free bytes of the disk at the last frame; None if they are unknown, or need not be free.
+        self.left: int | None = None
         self._folder = folder
         self._limits = limits
         self._limits_of_one = limits.of_one_file()
@@ -122,6 +243,19 @@ class FileSink(Generic[W, P]):
         self._next_check_at = 0.0
         self._paths: set[Path] = set()
 
+    def check_reserve(self) -> None:
+        """
+        Check that the disk has more than the reserve, if there is one.
+
+        :raises LimitReached: the disk has less.
+        """
+        if self._limits.has_reserve:
+            self.left = _free_bytes(self._folder.path)
+            if self.left is not None and self.left < RESERVE_BYTES:
+                raise LimitReached(
+                    f'the disk has {self.left / 10**6:.0f} MB left, and recordings leave '
+                    f'{RESERVE_BYTES / 10**6:.0f} MB free')
+
     def prepare(self, frame: ReceivedFrame) -> P:
         """Convert a frame for the writer; see `FileFormat`."""
         return self._format.prepare(frame)
@@ -136,6 +270,7 @@ class FileSink(Generic[W, P]):
         :raises OSError: the file cannot be written; a new one begins when the disk has room.
         :raises KeyFrameNeeded: the frame is left out, because it needs others that are missing.
         """
+        self.check_reserve()
         if not self._file:
             self._outage.check(self._folder.path)
         try:
@@ -170,24 +305,12 @@ class FileSink(Generic[W, P]):
             self._folder.close()
 
     def _commit(self, frame: ReceivedFrame, prepared: P) -> Path:
-        file = self._file
-        if file and self._is_over(file, frame, prepared):
-            self._end(file)
-        self._format.check(self._file, frame, prepared)
-        is_written = not self._is_full and self._write(frame, prepared)
-        if not is_written and self._ring and self._file:
-            full = self._file.writer
+        if self._file and self._is_over(self._file, frame, prepared):
             self._end(self._file)
-            self._format.check(None, frame, prepared)
-            is_written = _has_content(full) and self._write(frame, prepared)
-            if not is_written:
-                raise UnwritableError(self._refusal)
-        if not is_written or not self._file:
-            self._is_full = True
-            raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
-        if _has_content(self._file.writer):
+        file = self._write(frame, prepared) or self._write_next(frame, prepared)
+        if _has_content(file.writer):
             self._outage.end()
-        return self._file.path
+        return file.path
 
     def _is_over(self, file: OpenFile[W], frame: ReceivedFrame, prepared: P) -> bool:
         """Return whether a file ends before a frame."""
@@ -196,8 +319,11 @@ class FileSink(Generic[W, P]):
         return is_split or not (
             self._is_at_path(file) and self._format.continues(file, frame, prepared))
 
-    def _write(self, frame: ReceivedFrame, prepared: P) -> bool:
-        """Write a frame to the file, or to a new one; return False if that has no room."""
+    def _write(self, frame: ReceivedFrame, prepared: P) -> OpenFile[W] | None:
+        """Write a frame to the file, or to a new one; return None if that has no room."""
+        self._format.check(self._file, frame, prepared)
+        if self._is_full:
+            return None
         file = self._file = self._file or self._numbering.claim(
             frame.metadata, lambda seq, name: self._begin(seq, name, frame, prepared))
         self._format.write_others(file.writer, prepared)
@@ -209,7 +335,24 @@ class FileSink(Generic[W, P]):
         if self._ring:
             self._ring.make_room(replace(
                 file.entry, size=file.writer.size, frames=file.writer.frames + 1), file.last_ns)
-        return self._format.write(file, frame, prepared)
+        return file if self._format.write(file, frame, prepared) else None
+
+    def _write_next(self, frame: ReceivedFrame, prepared: P) -> OpenFile[W]:
+        """
+        Write a frame to the next file of a ring, because the present one is full.
+
+        :raises LimitReached: there is no ring, so the recording is full.
+        :raises UnwritableError: no file of the ring can hold the frame.
+        """
+        full = self._file
+        if not self._ring or not full:
+            self._is_full = True
+            raise LimitReached(f'max_bytes is {self._limits.max_bytes}')
+        self._end(full)
+        file = self._write(frame, prepared) if _has_content(full.writer) else None
+        if not file:
+            raise UnwritableError(self._refusal)
+        return file
 
     def _room_of(self, entry: ManifestEntry, arrival_ns: int) -> Room:
         """Return the room of a file that begins with a frame."""
@@ -314,6 +457,15 @@ class FileSink(Generic[W, P]):
     def _count(self) -> None:
         self.counts.warning = self._format.warning
         self.counts.kept = self._ended + (self._file.writer.flushed if self._file else 0)
+
+
+def _free_bytes(folder: Path) -> int | None:
+    """Return the free space of a disk; None for a removed folder, which is created again."""
+    try:
+        disk = os.statvfs(folder)
+    except OSError:
+        return None
+    return disk.f_bavail * disk.f_frsize
 
 
 def _has_content(writer: FileWriter) -> bool:

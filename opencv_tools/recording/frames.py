@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Received frames, raw or compressed."""
+"""Received frames: raw, compressed, or packets of video."""
 
 from __future__ import annotations
 
@@ -22,10 +22,15 @@ import time
 from typing import Any, ClassVar
 
 from numpy.typing import NDArray
+from opencv_tools.base.units import NANO
 from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.errors import KeyFrameNeeded
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.image_codecs import decode_image
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.video.messages import WireVideo
+from opencv_tools.video.packet import VideoPacket
+from opencv_tools.video.parameter_sets import is_key_frame, picture_size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +53,11 @@ class ReceivedFrame:
     def time_ns(self) -> int:
         """Time of the frame in nanoseconds: its stamp, or the time of reception if it has none."""
         return self.metadata.stamp_ns or self.receive_ns
+
+    @property
+    def size(self) -> int:
+        """Bytes that count for the maximum size of the frames that wait."""
+        return 0
 
     def decode(self) -> RawFrame:
         """
@@ -96,6 +106,50 @@ class CompressedFrame(ReceivedFrame):
         encoding = decoded_encoding(image, self.metadata.encoding)
         return RawFrame(metadata=replace(self.metadata, encoding=encoding.name), image=image,
                         receive_ns=self.receive_ns, arrival_ns=self.arrival_ns)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PacketFrame(ReceivedFrame):
+    """
+    A frame as a packet of video, which needs the frames before it.
+
+    :param packet: the packet; its width and height are 0 if they are unknown.
+    :param publisher: identifier of the publisher; b'' if unknown.
+    :param number: number of the packet from its publisher; 0 if unknown.
+    """
+
+    packet: VideoPacket
+    publisher: bytes = b''
+    number: int = 0
+
+    def decode(self) -> RawFrame:
+        """
+        Refuse to decode the frame alone.
+
+        :raises KeyFrameNeeded: always.
+        """
+        raise KeyFrameNeeded(f'a packet of {self.packet.codec} is not decoded without the packets '
+                             'before it')
+
+
+def packet_frame(
+    message: WireVideo, topic: str, receive_ns: int, arrival_ns: int, publisher: bytes = b'',
+    number: int = 0,
+) -> PacketFrame:
+    """
+    Return a message with video as a packet.
+
+    :returns: the frame, whose size is that in its SPS or sequence header.
+    :raises ImageError: the packet is damaged, or its codec is unknown.
+    """
+    codec, data, header = message.codec, bytes(message.data), message.header
+    width, height = picture_size(codec, data) or message.size or (0, 0)
+    return PacketFrame(
+        metadata=FrameMetadata(
+            header.sec * NANO + header.nanosec, header.frame_id, message.encoding, topic),
+        receive_ns=receive_ns, arrival_ns=arrival_ns, publisher=publisher, number=number,
+        packet=VideoPacket(codec=codec, data=data, is_key=is_key_frame(codec, data),
+                           width=width, height=height))
 
 
 class ArrivalClock:

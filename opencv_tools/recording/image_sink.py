@@ -27,10 +27,9 @@ from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncodedImage, EncoderSettings
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.numbering import Numbering
+from opencv_tools.recording.numbering import Numbering, StoredFiles
 from opencv_tools.recording.recorder import SinkCounts
 from opencv_tools.recording.selection import Limits
-from opencv_tools.recording.stored_files import StoredFiles
 
 # The manifest is compacted when more lines, and more than half of them, have no file.
 _MAX_STALE_LINES = 100

@@ -116,15 +116,15 @@ def check_limits(suffix: str, limits: Limits) -> None:
 
 def open_bag_sink(path: Path, name: str) -> BagSink:
     """
-    Create the sink of one bag, whose messages are written as they are.
+    Create the sink of one bag, whose messages are written as they are, with a reserve on disk.
 
     :param path: output folder, created if it does not exist.
     :param name: name of the bag without its extension; it gets a number if the bag exists.
     :raises RecordingError: the folder cannot be used, or the library mcap is not installed.
     """
-    names = FileNames(f'{name}{BAG_SUFFIX}')
+    names, limits = FileNames(f'{name}{BAG_SUFFIX}'), Limits(has_reserve=True)
     return cast(BagSink, open_sink(
-        path, names, EncoderSettings(BAG_SUFFIX), 'continue', Limits(), sync=False))
+        path, names, EncoderSettings(BAG_SUFFIX), 'continue', limits, sync=False))
 
 
 def open_sink(

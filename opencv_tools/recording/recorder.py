@@ -18,7 +18,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import astuple, dataclass, replace
+from operator import add
 import os
 from pathlib import Path
 from threading import Condition, Lock, Thread
@@ -26,8 +27,7 @@ from typing import Generic, Protocol, TypeVar
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
-from opencv_tools.recording.errors import error_text, LimitReached, Unwritten
-from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.recording.errors import error_text, FailureLog, LimitReached, Unwritten
 from opencv_tools.recording.frames import ReceivedFrame
 
 T = TypeVar('T')
@@ -172,6 +172,10 @@ class FrameCounts:
     failed: int = 0
     skipped: int = 0
     left_out: int = 0  # packets of video that need others, which are missing
+    unprocessed: int = 0  # left at the end
+
+    def __add__(self, other: FrameCounts) -> FrameCounts:
+        return FrameCounts(*map(add, astuple(self), astuple(other)))
 
 
 @dataclass(frozen=True)
@@ -202,12 +206,14 @@ class Recorder(Generic[P]):
         """
         self.counts = FrameCounts()
         self.is_full = False
+        self.limit = ''  # which limit the recording has reached
         self.is_unfinished = False  # other messages or the end of a file failed
+        self.is_abandoned = False
         self._abandoned: list[_Job] = []
         self._seen = SinkCounts()
         self._sink = sink
-        self._log = log
-        self._on_full = on_full
+        self.log = log
+        self.on_full = on_full
         self._queue: WriteQueue[_Job] = WriteQueue(queue_size, block)
         self._queue_size = queue_size
         self._failure_log = FailureLog(log)
@@ -238,7 +244,7 @@ class Recorder(Generic[P]):
             return True
         self.counts.dropped += dropped.frame.count
         what = f'{self.counts.dropped} frames' if dropped.frame.count else 'messages of topics'
-        self._log.warning(
+        self.log.warning(
             f'{what} dropped: they arrive faster than they are written, and the queue of '
             f'{self._queue_size} is full; write .jpg, set every_n, or raise queue_size',
             every=1.0, key=f'dropped {dropped.frame.count}')
@@ -252,10 +258,11 @@ class Recorder(Generic[P]):
 
     def abandon(self) -> None:
         """
-        Remove the queued frames; those that are being written now are finished.
+        Remove the queued frames, also later ones; those that are being written are finished.
 
         A handler of signals may call this in any function of the recorder.
         """
+        self.is_abandoned = True
         self._abandoned += self._queue.clear()
 
     def close(self) -> None:
@@ -264,6 +271,8 @@ class Recorder(Generic[P]):
 
         No thread may encode while the interpreter ends, because that would abort the process.
         """
+        if self.is_abandoned:
+            self.abandon()
         self._queue.close()
         if self._threads:
             for thread in self._threads:
@@ -275,7 +284,7 @@ class Recorder(Generic[P]):
                 self._sink.close()
             except (OSError, ImageError) as err:
                 self.is_unfinished = True
-                self._log.error(f'the recording was not finished: {error_text(err)}')
+                self.log.error(f'the recording was not finished: {error_text(err)}')
             finally:
                 self._update_counts()
 
@@ -305,14 +314,14 @@ class Recorder(Generic[P]):
         except LimitReached as err:
             self.counts.skipped += job.frame.count
             if not self.is_full:
-                self.is_full = True
-                self._log.info(f'Recording limit reached: {err}')
-                self._on_full()
+                self.is_full, self.limit = True, str(err)
+                self.log.info(f'Recording limit reached: {err}')
+                self.on_full()
             job.done(Unwritten(str(err), 'skipped'))
         except KeyFrameNeeded as err:
             self.counts.left_out += job.frame.count
-            self._log.warning(f'a frame was left out until the next key frame: {err}',
-                              every=_LEFT_OUT_SECONDS, key='left out')
+            self.log.warning(f'a frame was left out until the next key frame: {err}',
+                             every=_LEFT_OUT_SECONDS, key='left out')
             job.done(Unwritten(str(err), 'skipped'))
         except Exception as err:  # noqa: B902 - as above
             self.counts.failed += job.frame.count
@@ -339,10 +348,10 @@ class Recorder(Generic[P]):
             self._failure_log.write_failed(f'a frame was not written: {now.reason}')
         if now.lost_others > seen.lost_others:
             self.is_unfinished = True
-            self._log.error(f'{now.lost_others - seen.lost_others} messages of topics are lost: '
-                            f'{now.reason}')
+            self.log.error(f'{now.lost_others - seen.lost_others} messages of topics are lost: '
+                           f'{now.reason}')
         if now.warning != seen.warning:
-            self._log.warning(now.warning)
+            self.log.warning(now.warning)
         if now.kept > seen.kept:
             self._failure_log.write_succeeded()
         counts.written += now.kept - seen.kept

@@ -48,6 +48,7 @@ class Limits:
     :param ring: whether the oldest files are deleted at the limits, instead of ending.
     :param split_seconds: duration of a video or bag, after which the next one begins.
     :param split_bytes: size in bytes of a video or bag, after which the next one begins.
+    :param has_reserve: whether the recording ends before the disk is full.
     """
 
     max_frames: int = 0
@@ -56,6 +57,7 @@ class Limits:
     ring: bool = False
     split_seconds: float = 0.0
     split_bytes: int = 0
+    has_reserve: bool = False
 
     def of_one_file(self) -> Limits:
         """Return the limits of a video or bag: those of a split, and a tenth of a ring."""

@@ -22,8 +22,7 @@ from pathlib import Path
 import av
 import cv2
 import numpy as np
-from opencv_tools.recording.video.frame import to_video_frame
-from opencv_tools.recording.video.writer import VIDEO_FORMATS, VideoWriter
+from opencv_tools.recording.video.writer import to_video_frame, VIDEO_FORMATS, VideoWriter
 import pytest
 
 START_NS = 1_700_000_000_123_456_789

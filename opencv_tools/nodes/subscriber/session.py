@@ -25,17 +25,15 @@ from opencv_tools.base.logs import Log
 from opencv_tools.base.regular_files import user_path
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
-from opencv_tools.recording.bag_file import MessageBatch
 from opencv_tools.recording.bag_sink import BagSink
-from opencv_tools.recording.errors import RecordingError, Unwritten
-from opencv_tools.recording.failure_log import plain_reason
+from opencv_tools.recording.errors import plain_reason, RecordingError
 from opencv_tools.recording.frames import ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.recording.open_sink import open_sink
-from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import OnDone, Recorder
 from opencv_tools.recording.selection import Selection
+from opencv_tools.recording.session import RecordingSession
 from opencv_tools.topics.timers import create_steady_timer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
@@ -115,12 +113,8 @@ class SaveRequests:
             request.set_result(f'no frame arrived within {_TIMEOUT_SECONDS:g} s')
 
 
-# Period of the checks for room in the queue.
-_POLL_SECONDS = 0.001
-
-
-class RecordingSession:
-    """Select frames by the parameters or the calls of ``~/save``, and record them."""
+class SubscriberSession(RecordingSession):
+    """The session of a node, with its parameters, and the calls of ``~/save``."""
 
     def __init__(
         self, node: Node, settings: RecorderSettings, log: Log, on_end: Callable[[], object],
@@ -131,92 +125,39 @@ class RecordingSession:
         :param on_end: called on any thread when the recording has reached a limit.
         :raises RecordingError: the output folder cannot be used.
         """
-        self.skipped = 0  # frames that were not selected
-        self.left_out = 0  # packets of video before the first key frame
-        self._node = node
-        self._on_end = on_end
-        self._has_ended = False
-        self._is_abandoned = False
         limits = settings.limits
-        self._selection = Selection(settings.every_n, settings.max_rate, limits)
+        self._node = node
         self.folder = _absolute_path(settings.output_dir)
         names = FileNames(settings.file_name)
         encoder = EncoderSettings(
             names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
             png_compression=settings.png_compression, crf=settings.crf)
         sink = open_sink(self.folder, names, encoder, settings.on_exists, limits, settings.sync)
-        self.recorder = Recorder(
-            sink, log, settings.queue_size, settings.writers, settings.on_overflow == 'block',
-            self._end)
+        super().__init__(
+            Recorder(sink, log, settings.queue_size, settings.writers,
+                     settings.on_overflow == 'block'),
+            on_end, Selection(settings.every_n, settings.max_rate, limits))
         #: Sink of a bag, which also takes other messages; None for other formats.
         self.bag_sink = sink if isinstance(sink, BagSink) else None
         self.requests = SaveRequests(node) if settings.mode == 'on_request' else None
 
-    def record(self, frame: ReceivedFrame) -> None:
-        """Record a frame if it is selected or requested."""
-        selection = self._selection
-        if isinstance(frame, PacketFrame) and not (selection.has_begun or frame.packet.is_key):
-            self.left_out += 1
-            return
-        if self._has_ended or self._is_late():
-            self.skipped += 1
-            return
-        requests = self.requests.pop_all() if self.requests else []
-        if not (requests if self.requests else selection.selects(frame)):
-            self.skipped += 1
-            return
-        on_done = partial(self.requests.complete, requests) if self.requests else None
-        self.recorder.put(frame, on_done)
-        selection.count()
-        if selection.is_over:
-            self._end()
+    def begin(self) -> None:
+        """End after the maximum duration, whether a frame arrives then or not."""
+        if self._selection.max_seconds:
+            create_steady_timer(self._node, self._selection.max_seconds, self._end)
 
-    def record_messages(self, batch: MessageBatch, on_done: OnDone) -> None:
-        """Record messages of other topics, until the maximum duration; thread-safe."""
-        if self._is_late():
-            on_done(Unwritten('the recording has reached its limits', 'skipped'))
-        else:
-            self.recorder.put(batch, on_done)
-
-    def wait_for_room(self, deadline: float) -> bool:
-        """
-        Wait until the queue has room for another frame.
-
-        :param deadline: end of the wait, in seconds of the monotonic clock.
-        :returns: False at the deadline, after ``abandon``, and after the end of the recording.
-        """
-        while time.monotonic() < deadline and not (self._has_ended or self._is_abandoned):
-            if self.recorder.has_room:
-                return True
-            time.sleep(_POLL_SECONDS)
-        return False
-
-    def abandon(self) -> None:
-        """Leave the frames that wait; a handler of signals may call this."""
-        self._is_abandoned = True
-        self.recorder.abandon()
+    def select(self, frame: ReceivedFrame) -> OnDone | None:
+        """Select a frame by the calls of ``~/save``, if the node has this service."""
+        if not self.requests:
+            return super().select(frame)
+        requests = self.requests.pop_all()
+        return partial(self.requests.complete, requests) if requests else None
 
     def close(self) -> None:
         """Write the queued frames, and refuse further requests."""
-        if self._is_abandoned:
-            self.recorder.abandon()
         self.recorder.close()
         if self.requests:
             self.requests.close()
-
-    def _is_late(self) -> bool:
-        """Begin with the first call, and end after the maximum duration."""
-        selection = self._selection
-        if not selection.has_begun and selection.max_seconds:
-            create_steady_timer(self._node, selection.max_seconds, self._end)
-        if not selection.is_late():
-            return False
-        self._end()
-        return True
-
-    def _end(self) -> None:
-        self._has_ended = True
-        self._on_end()
 
 
 def _absolute_path(text: str) -> Path:

@@ -30,8 +30,8 @@ from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.errors import CdrError
 from opencv_tools.message_types.definition import DefinitionError, full_name
-from opencv_tools.nodes.bag_messages import offered_qos
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.nodes.conversion import offered_qos
+from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import OnDone
@@ -53,10 +53,10 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 class RecordedTopic:
     """A topic that is recorded, and the account of its messages."""
 
-    reader: MessageReader
     channel: BagChannel
-    message_class: type
-    qos: QoSProfile
+    message_class: type = object
+    reader: MessageReader | None = None  # with `qos`, while there are publishers
+    qos: QoSProfile | None = None
     order: FrameOrder = field(default_factory=FrameOrder)
     publishers: frozenset[bytes] = frozenset()  # identifiers of those that are followed
     received: int = 0
@@ -144,7 +144,7 @@ class MessageBatches:
     def _take(self, topic: RecordedTopic) -> bool:
         """Take a message; return whether there was one."""
         try:
-            taken = topic.reader.take_serialized()
+            taken = topic.reader.take_serialized() if topic.reader else None
         except RuntimeError as err:
             self._log.error(f'a message of {topic.channel.topic} cannot be received: '
                             f'{ros_reason(err)}', every=_WARNING_SECONDS,
@@ -258,7 +258,8 @@ class TopicRecorder:
         self._is_closing.set()
         self._thread.join()
         for topic in self._topics.values():
-            topic.reader.destroy()
+            if topic.reader:
+                topic.reader.destroy()
 
     def log_summary(self) -> bool:
         """
@@ -337,32 +338,32 @@ class TopicRecorder:
         identifiers = _identifiers(found)
         if topic.publishers == identifiers:
             return
-        name, type_name = topic.channel.topic, topic.channel.type_name
-        publishers = [info for info in found if _type_name(info) == type_name]
-        others = sorted({*map(_type_name, found)} - {type_name})
-        if others and not publishers:
-            self._batches.take_all(topic)
-            topic.reader.destroy()
-            del self._topics[name]
+        publishers = [info for info in found if _type_name(info) == topic.channel.type_name]
+        if found and not publishers:
+            self._unsubscribe(topic)
+            del self._topics[topic.channel.topic]
             return
-        if others:
-            self._log.warning(
-                f'{name} has publishers of {enumerated(others)}, whose messages are neither '
-                f'recorded nor counted while there are publishers of {type_name}',
-                once=f'types of {name}: {" ".join(others)}')
+        _warn_of_types(self._log, topic.channel, found)
         topic.order.discover(_identifiers(publishers))
-        if {_type_hash(info) for info in publishers} - {topic.channel.type_hash}:
-            self._log.warning(f'{name} has publishers with another definition of '
-                              f'{topic.channel.type_name}; the bag has that of the first',
-                              once=f'definition of {name}')
+        if publishers:
+            self._subscribe(topic, publishers)
+        topic.publishers = identifiers
+
+    def _subscribe(self, topic: RecordedTopic, publishers: list[TopicEndpointInfo]) -> None:
+        """Subscribe with the quality of service of publishers, unless that has not changed."""
         qos = following_qos(
             [info.qos_profile for info in publishers[:_MAX_PUBLISHERS]], _DEPTH)
-        if publishers and qos != topic.qos:
-            reader = MessageReader(self._node, topic.message_class, name, qos)
+        if qos != topic.qos:
+            reader = MessageReader(self._node, topic.message_class, topic.channel.topic, qos)
+            self._unsubscribe(topic)
+            topic.reader, topic.qos = reader, qos
+
+    def _unsubscribe(self, topic: RecordedTopic) -> None:
+        """Record the messages that have arrived, and unsubscribe."""
+        if topic.reader:
             self._batches.take_all(topic)
             topic.reader.destroy()
-            topic.reader, topic.qos = reader, qos
-        topic.publishers = identifiers
+        topic.reader = topic.qos = None
 
     def _is_wanted(self, name: str, names: dict[str, list[str]]) -> bool:
         """Return whether a topic matches, is not hidden, and is not a part of an image topic."""
@@ -387,18 +388,14 @@ class TopicRecorder:
         definition = self._types.find(publishers[0])
         if definition is None:
             return True
-        used = publishers[:_MAX_PUBLISHERS]
-        qos = following_qos([info.qos_profile for info in used], _DEPTH)
-        message_class = message_type(definition.name, definition.text)
-        reader = MessageReader(self._node, message_class, name, qos)
-        topic = self._accounts.get(key) or RecordedTopic(reader, BagChannel(
-            topic=name, type_name=definition.name, qos=offered_qos_text(map(offered_qos, used)),
-            type_hash=_type_hash(publishers[0]), definition=definition.text), message_class, qos)
-        topic.reader, topic.message_class, topic.qos = reader, message_class, qos
+        topic = self._accounts.get(key) or RecordedTopic(BagChannel(
+            topic=name, type_name=definition.name, type_hash=key[2], definition=definition.text,
+            qos=offered_qos_text(map(offered_qos, publishers[:_MAX_PUBLISHERS]))))
+        topic.message_class = message_type(definition.name, definition.text)
         topic.publishers = frozenset()
         topic.order.restart()
-        self._topics[name] = self._accounts[key] = topic
         self._follow(topic, publishers)
+        self._topics[name] = self._accounts[key] = topic
         self._log.info(f'Recording {name} ({definition.name})')
         return True
 
@@ -423,3 +420,18 @@ def _type_name(publisher: TopicEndpointInfo) -> str:
 def _type_hash(publisher: TopicEndpointInfo) -> str:
     """Return the hash of the type of a publisher; '' if it names none."""
     return str(publisher.topic_type_hash).replace('INVALID', '')
+
+
+def _warn_of_types(log: Log, channel: BagChannel, found: list[TopicEndpointInfo]) -> None:
+    """Warn once of publishers with another type, or with another definition of the type."""
+    name, type_name = channel.topic, channel.type_name
+    others = sorted({*map(_type_name, found)} - {type_name})
+    if others:
+        log.warning(
+            f'{name} has publishers of {enumerated(others)}, whose messages are neither '
+            f'recorded nor counted while there are publishers of {type_name}',
+            once=f'types of {name}: {" ".join(others)}')
+    if any(_type_hash(info) != channel.type_hash for info in found
+           if _type_name(info) == type_name):
+        log.warning(f'{name} has publishers with another definition of {type_name}; the bag has '
+                    'that of the first', once=f'definition of {name}')

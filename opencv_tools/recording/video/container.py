@@ -36,7 +36,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from opencv_tools.base.regular_files import is_same_file, write_buffer
 from opencv_tools.base.units import NANO
 from opencv_tools.recording.errors import VideoError
-from opencv_tools.recording.file_format import Room
+from opencv_tools.recording.file_sink import Room
 from opencv_tools.recording.recorder import Prepared
 
 

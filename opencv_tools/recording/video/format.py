@@ -31,15 +31,13 @@ from opencv_tools.base.units import NANO
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError, KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.file_format import FileFormat, OpenFile, Room
-from opencv_tools.recording.frames import RawFrame, ReceivedFrame
+from opencv_tools.recording.file_sink import FileFormat, OpenFile, Room
+from opencv_tools.recording.frames import PacketFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
-from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import VideoFile, WrittenVideo
-from opencv_tools.recording.video.frame import to_video_frame, VideoFrame
-from opencv_tools.recording.video.writer import VideoWriter
+from opencv_tools.recording.video.writer import to_video_frame, VideoFrame, VideoWriter
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import has_parameter_sets, parameter_sets
 
@@ -139,40 +137,6 @@ class CopiedStream(WrittenVideo[PreparedPacket]):
         return (packet,)
 
 
-class PacketOrder:
-    """
-    Find the packets that no player can decode, because those before them are missing.
-
-    Numbers of a publisher show which ones are missing. Without numbers nothing is missing.
-    """
-
-    def __init__(self) -> None:
-        self._last = b'', 0  # publisher and number
-        self._needs_key = True
-
-    def interrupt(self) -> None:
-        """Leave out all packets until the next key frame."""
-        self._needs_key = True
-
-    def check(self, frame: PacketFrame, prepared: PreparedPacket, begins: bool) -> None:
-        """
-        Check the next packet.
-
-        :param begins: whether it would begin a video.
-        :raises KeyFrameNeeded: it needs earlier packets.
-        """
-        publisher, number = self._last
-        is_next = frame.publisher == publisher and (
-            not frame.number or frame.number == number + 1)
-        self._last = frame.publisher, frame.number
-        self._needs_key = self._needs_key or begins or not is_next
-        if self._needs_key and not (prepared.sets or (prepared.packet.is_key and not begins)):
-            raise KeyFrameNeeded(
-                f'a packet of {prepared.packet.codec} needs earlier packets, which are missing in '
-                'the video')
-        self._needs_key = False
-
-
 # Shortest time of a file of packets whose publisher changes the size again.
 _SHORTEST_NS = NANO
 # Changes of the size after which a warning is logged, and files may no longer be short.
@@ -191,7 +155,8 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         self._size = (0, 0)
         self._changes = 0  # of the size
         self._files = 0
-        self._order = PacketOrder()
+        #: Publisher and number of the last packet of the video, which the next one follows.
+        self._last: tuple[bytes, int] | None = None
 
     def prepare(self, frame: ReceivedFrame) -> _Prepared:
         """Convert a frame for the encoder, or read a packet; see `FileFormat`."""
@@ -223,7 +188,10 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def write(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
               ) -> bool:
         """Encode a frame, or copy a packet; see `FileFormat`."""
-        return file.writer.write(prepared, file.time_ns(frame))
+        is_written = file.writer.write(prepared, file.time_ns(frame))
+        if is_written and isinstance(frame, PacketFrame):
+            self._last = frame.publisher, frame.number
+        return is_written
 
     def continues(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
                   ) -> bool:
@@ -232,7 +200,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
             return True
         if (isinstance(prepared, PreparedPacket) and prepared.sets and self._files > _MANY_CHANGES
                 and 0 <= frame.arrival_ns - file.began_ns < _SHORTEST_NS):
-            self._order.interrupt()
+            self._last = None
             raise KeyFrameNeeded('the size or the codec of the video changed within a second')
         return False
 
@@ -243,9 +211,19 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def check(self, file: OpenFile[VideoFile[Any]] | None, frame: ReceivedFrame,
               prepared: _Prepared) -> None:
         """Check that a packet does not need others that are missing; see `FileFormat`."""
-        if isinstance(frame, PacketFrame) and isinstance(prepared, PreparedPacket):
-            begins = file is None or not isinstance(file.writer.stream, CopiedStream)
-            self._order.check(frame, prepared, begins)
+        if not isinstance(frame, PacketFrame) or not isinstance(prepared, PreparedPacket):
+            return
+        continues = file is not None and isinstance(file.writer.stream, CopiedStream) and (
+            frame.packet.is_key or self._is_next(frame))
+        if not (prepared.sets or continues):
+            raise KeyFrameNeeded(
+                f'a packet of {frame.packet.codec} needs earlier packets, which are missing in '
+                'the video')
+
+    def _is_next(self, frame: PacketFrame) -> bool:
+        """Return whether a packet follows the last one; without numbers none is missing."""
+        publisher, number = self._last or (None, 0)
+        return frame.publisher == publisher and frame.number in (0, number + 1)
 
     def _count_changes(self, size: tuple[int, int]) -> None:
         """Warn once of frames that change their size again and again."""

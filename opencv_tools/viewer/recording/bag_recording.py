@@ -12,27 +12,32 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-
 """A recording of image topics in a bag, until a page or the disk ends it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from threading import Lock
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import printable
-from opencv_tools.recording.bag_file import RecordedMessage
-from opencv_tools.recording.disk_reserve import SinkWithReserve
-from opencv_tools.recording.errors import Unwritten
-from opencv_tools.recording.message_frame import MessageFrame
+from opencv_tools.image.errors import ImageError
+from opencv_tools.nodes.conversion import BagMessages
+from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
 from opencv_tools.recording.recorder import Recorder
-from opencv_tools.viewer.recording.images import RecordedImages, Topic
+from opencv_tools.recording.session import RecordingSession
+from opencv_tools.topics.options import SubscriptionOptions
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.topics.subscription import FrameSubscription
 from rclpy.node import Node
+
+# Frames of a topic that the middleware keeps while the executor is busy.
+_DEPTH = 64
+# Frames that stay in shared memory while they wait to be written; more are copied.
+_MAX_VIEWS = 2
 
 # Frames that wait for the disk, and their bytes. A frame that finds no room is dropped.
 _MAX_FRAMES, _MAX_BYTES = 1000, 256 << 20
@@ -40,41 +45,95 @@ _SILENT_SECONDS = 3.0
 _MAX_SILENT = 3  # topics whose reasons are shown
 
 
-class BagRecording:
+class Topic(NamedTuple):
+    """
+    An image topic to record.
+
+    :param name: name of the topic, without the end of a transport.
+    :param transport: transport as the pages receive it; ``auto`` prefers compressed images.
+    """
+
+    name: str
+    transport: str
+
+
+class RecordedImages:
+    """Receive each frame of a topic, and the camera_info beside it, in the executor."""
+
+    def __init__(
+        self, node: Node, topic: Topic, log: Log,
+        session: RecordingSession, on_message: Callable[[RecordedMessage], object],
+    ) -> None:
+        """
+        Subscribe.
+
+        :param session: records each frame, as it was received.
+        :param on_message: called with each camera_info, as it was received.
+        :raises ParameterError: the topic cannot be subscribed to.
+        """
+        self.heard_at = time.monotonic()  # time of the last frame, or of the beginning
+        self._session = session
+        self._subscription = FrameSubscription(
+            node, topic.name, log, self._receive, self._count_unreadable,
+            SubscriptionOptions(transport=topic.transport, depth=_DEPTH, prefers_compressed=True,
+                                decodes_video=False, max_views=_MAX_VIEWS))
+        self._messages = BagMessages(node, self._subscription.topic_name, log, on_message)
+        self._subscription.start()
+
+    @property
+    def lost(self) -> int:
+        """Return the number of frames that were published, but did not arrive."""
+        account = self._subscription.account
+        return account.lost + account.skipped
+
+    def explain_briefly(self) -> str:
+        """Return the reason why no frame arrives, without the remedies, which the log has."""
+        return self._subscription.explain_no_frames().partition('; ')[0]
+
+    def close(self) -> None:
+        """Record what was received until now, as far as there is room, and unsubscribe."""
+        self._session.others.unprocessed += self._subscription.close(
+            lambda: self._session.recorder.has_room)
+        self._messages.close()
+
+    def _receive(self, received: ReceivedMessage) -> None:
+        try:
+            frame = self._messages.frame(received, self._subscription.topic_name)
+        except ImageError as err:
+            self._count_unreadable(err)
+            return
+        self.heard_at = time.monotonic()
+        self._session.record(frame)
+
+    def _count_unreadable(self, _: ImageError) -> None:
+        self._session.others.failed += 1
+        self.heard_at = time.monotonic()
+
+
+class BagRecording(RecordingSession):
     """Record the frames of topics in one bag. Nothing waits for the disk but a thread."""
 
-    def __init__(self, sink: SinkWithReserve, log: Log,
+    def __init__(self, sink: BagSink, log: Log,
                  on_full: Callable[[], object] = lambda: None) -> None:
         """
         Begin without topics.
 
         :param on_full: called in the thread when the disk has too little space.
         """
-        self.began = time.monotonic()
+        super().__init__(
+            Recorder(sink, log, _MAX_FRAMES, writers=1), on_full, max_bytes=_MAX_BYTES)
         self.since = time.time()
+        self._began = time.monotonic()
         self._sink = sink
-        self._log = log
-        self._recorder: Recorder[Any] = Recorder(
-            sink, log, _MAX_FRAMES, writers=1, on_full=on_full)
         self._topics: dict[str, RecordedImages] = {}
         self._info_topics: dict[str, str] = {}  # image topic beside each camera_info
-        self._lock = Lock()  # of what follows
-        self._waiting = self._dropped = self._written_bytes = 0
-        self._path: Path | None = None
-        self._problem = ''
         self._finishing = Lock()
         self._seconds = -1.0  # after the end
-        self._unprocessed = 0
 
     @property
     def names(self) -> list[str]:
         """Names of the topics."""
         return [*self._topics]
-
-    @property
-    def path(self) -> Path | None:
-        """Bag with the newest frame; None before the first one."""
-        return self._path
 
     def receive(self, node: Node, topics: Sequence[Topic]) -> None:
         """
@@ -86,71 +145,46 @@ class BagRecording:
         try:
             for topic in topics:
                 self._topics[topic.name] = RecordedImages(
-                    node, topic, self._log, self.put, partial(self._add_info, topic.name))
+                    node, topic, self.recorder.log, self, partial(self._add_info, topic.name))
         except Exception:
             self.stop()
             raise
 
-    def put(self, frame: MessageFrame) -> bool:
-        """
-        Record a frame, unless too much waits for the disk; thread-safe.
-
-        :returns: whether no frame was dropped.
-        """
-        size = memoryview(frame.message.data).nbytes
-        with self._lock:
-            has_room = not self._waiting or self._waiting + size <= _MAX_BYTES
-            if has_room:
-                self._waiting += size
-            else:
-                self._dropped += 1
-        if has_room:
-            return self._recorder.put(frame, partial(self._done, size))
-        self._log.warning(
-            f'{self._dropped} frames dropped: they arrive faster than they are written, and '
-            f'{_MAX_BYTES >> 20} MB wait for the disk', every=1.0, key='dropped by size')
-        return False
-
     def stop(self) -> None:
         """Receive nothing any more, in the executor or after it."""
         if self._seconds < 0:
-            self._seconds = time.monotonic() - self.began
+            self._seconds = time.monotonic() - self._began
             for topic in self._topics.values():
-                self._unprocessed += topic.close(lambda: self._recorder.has_room)
+                topic.close()
 
     def finish(self) -> None:
         """Write the waiting frames, and finish the bag; may take long, on any thread."""
         with self._finishing:
-            self._recorder.close()
-
-    def abandon(self) -> None:
-        """Leave the frames that wait; a handler of signals may call this."""
-        self._recorder.abandon()
+            self.recorder.close()
 
     def account(self) -> dict[str, Any]:
         """Return what has become of the frames, for a page."""
-        counts, topics = self._recorder.counts, self._topics.values()
-        seconds = time.monotonic() - self.began if self._seconds < 0 else self._seconds
+        counts = self.counts
+        seconds = time.monotonic() - self._began if self._seconds < 0 else self._seconds
         return {
             'topics': self.names, 'since': self.since, 'seconds': round(seconds, 1),
-            'frames': counts.written,
-            'dropped': counts.dropped + self._dropped + self._unprocessed
-            + self._recorder.abandoned,
-            'lost': sum(topic.lost for topic in topics),
-            'failed': counts.failed + sum(topic.unreadable for topic in topics),
-            'bytes': self._written_bytes, 'left': self._sink.left,
-            'name': self._path.name if self._path else '', 'problem': self._describe_problem()}
+            'frames': counts.written, 'dropped': counts.dropped + counts.unprocessed,
+            'lost': sum(topic.lost for topic in self._topics.values()),
+            'failed': counts.failed, 'bytes': self.written_bytes, 'left': self._sink.left,
+            'name': self.path.name if self.path else '', 'problem': self._describe_problem()}
 
     def _describe_problem(self) -> str:
         """Return what the user should know, as a sentence; '' for nothing."""
-        problem = self._sink.refusal or self._problem
-        if self._sink.is_cut_off:
+        recorder = self.recorder
+        problem = recorder.limit or (
+            f'a frame was not written: {printable(self.problem)}' if self.problem else '')
+        if recorder.is_unfinished:
             return (f'the bag is not finished: {problem or "the log has the reason"}; the next '
                     'start of the node finishes it, if the disk has room')
         if problem:
             return problem
-        if self._recorder.counts.failed and self._sink.counts.reason:
-            return (f'{self._recorder.counts.failed} frames are not written: '
+        if recorder.counts.failed and self._sink.counts.reason:
+            return (f'{recorder.counts.failed} frames are not written: '
                     f'{printable(self._sink.counts.reason)}')
         now = time.monotonic()
         silent = [] if self._seconds >= 0 else [
@@ -165,13 +199,3 @@ class BagRecording:
         """Record a camera_info once, which is beside several topics of one camera."""
         if self._info_topics.setdefault(message.channel.topic, name) == name:
             self._sink.add_message(message)
-
-    def _done(self, size: int, outcome: Path | Unwritten) -> None:
-        """Count what has become of a frame; called on any thread."""
-        with self._lock:
-            self._waiting -= size
-            if not isinstance(outcome, Unwritten):
-                self._written_bytes += size
-                self._path, self._problem = outcome, ''
-            elif outcome.kind == 'failed':
-                self._problem = f'a frame was not written: {printable(outcome)}'

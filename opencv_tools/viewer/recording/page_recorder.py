@@ -28,17 +28,15 @@ from opencv_tools.base.logs import Log
 from opencv_tools.base.regular_files import user_path
 from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
-from opencv_tools.nodes.bag_messages import bag_channel, frame_of, offers_of, type_of
-from opencv_tools.recording.disk_reserve import SinkWithReserve
+from opencv_tools.nodes.conversion import bag_channel, frame_of, offers_of, type_of
+from opencv_tools.recording.bag_sink import BagSink, MessageFrame
 from opencv_tools.recording.errors import LimitReached, RecordingError
-from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import check_folder
 from opencv_tools.recording.open_sink import open_bag_sink
 from opencv_tools.recording.recorder import Recorder
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
-from opencv_tools.viewer.recording.bag_recording import BagRecording
-from opencv_tools.viewer.recording.images import Topic
+from opencv_tools.viewer.recording.bag_recording import BagRecording, Topic
 from rclpy.node import Node
 from rclpy.task import Future
 
@@ -92,7 +90,7 @@ def _channel(node: Node, name: str, type_name: str) -> Any:
 
 
 def write_frames(
-    sink: SinkWithReserve, frames: Sequence[MessageFrame], log: Log,
+    sink: BagSink, frames: Sequence[MessageFrame], log: Log,
 ) -> SavedFrames:
     """Write frames to a bag; takes the time of the disk."""
     recorder: Recorder[Any] = Recorder(sink, log, writers=1, block=True)
@@ -103,7 +101,7 @@ def write_frames(
     paths = [outcome for outcome in outcomes if isinstance(outcome, Path)]
     reasons = [outcome for outcome in outcomes if isinstance(outcome, str)]
     missing = len(frames) - recorder.counts.written
-    reason = sink.refusal or [*reasons, sink.counts.reason][0]
+    reason = recorder.limit or [*reasons, sink.counts.reason][0]
     return SavedFrames(
         recorder.counts.written, paths[-1].name if paths else '',
         f'{missing} of {len(frames)} frames were not written: {printable(reason)}'
@@ -130,7 +128,7 @@ class BagFolder:
                 'absolute path') from err
         self._open('check').close()
 
-    def open(self, ending: str = '') -> SinkWithReserve:  # noqa: A003
+    def open(self, ending: str = '') -> BagSink:  # noqa: A003
         """
         Create the sink of a bag, which is named by the local time and begins with the first frame.
 
@@ -138,15 +136,15 @@ class BagFolder:
         """
         sink = self._open(time.strftime('%Y-%m-%d_%H-%M-%S') + ending)
         try:
-            sink.check()
+            sink.check_reserve()
         except LimitReached as err:
             sink.close()
             raise RecordingError(f'{err}: remove files from {self.path}') from err
         return sink
 
-    def _open(self, name: str) -> SinkWithReserve:
+    def _open(self, name: str) -> BagSink:
         try:
-            return SinkWithReserve(open_bag_sink(self.path, name), self.path)
+            return open_bag_sink(self.path, name)
         except RecordingError as err:
             # The sentences of the recorder name its own parameter.
             raise RecordingError(str(err).replace('output_dir', 'record_dir')) from err
@@ -296,7 +294,7 @@ class PageRecorder:
         :returns: whether there is a recording.
         """
         if self._recording and self._phase:
-            self._recording.abandon()
+            self._recording.recorder.abandon()
             return True
         return False
 

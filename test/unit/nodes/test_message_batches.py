@@ -21,7 +21,7 @@ from pathlib import Path
 from console import Console
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.nodes.subscriber.topic_recorder import MessageBatches, RecordedTopic
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.recorder import OnDone
 import pytest
@@ -44,7 +44,7 @@ def test_account(outcomes: list[tuple[int, Path | Unwritten]], account: str) -> 
         batch.result.written, outcome = waiting.pop(0)
         on_done(outcome)
 
-    topic = RecordedTopic(None, TF, object, None)
+    topic = RecordedTopic(TF)
     batches = MessageBatches('/video_frames', put, Console())
     for _ in outcomes:
         for number in range(10):

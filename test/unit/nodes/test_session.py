@@ -12,21 +12,29 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Recording sessions without frames."""
+"""Recording sessions without a publisher."""
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from pathlib import Path
 
+from conftest import recorded_files
 from console import Console
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
-from opencv_tools.nodes.subscriber.session import RecordingSession
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.nodes.subscriber.session import SubscriberSession
+from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
-from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.recording.image_encoder import EncoderSettings
+from opencv_tools.recording.naming import FileNames, FrameMetadata
+from opencv_tools.recording.open_sink import open_sink
+from opencv_tools.recording.recorder import FrameCounts, Recorder
 from opencv_tools.recording.selection import Limits, Selection
+from opencv_tools.recording.session import RecordingSession
+import pytest
 from rclpy.node import Node
+from recordings import gray_frame
 from stepped_clock import SteppedClock
 
 CHANNEL = BagChannel(topic='/said', type_name='a_msgs/msg/A', definition='int8 a')
@@ -40,7 +48,7 @@ def batch() -> MessageBatch:
 
 def test_messages_after_the_maximum_duration(node: Node, tmp_path: Path) -> None:
     clock, ended = SteppedClock(), []
-    session = RecordingSession(node, RecorderSettings(
+    session = SubscriberSession(node, RecorderSettings(
         output_dir=str(tmp_path), file_name='a.mcap', topics='/said', max_duration=7.0),
         Console(), lambda: ended.append(clock.now))
     session._selection = Selection(1, 0.0, Limits(max_seconds=7.0), clock.monotonic)
@@ -54,3 +62,39 @@ def test_messages_after_the_maximum_duration(node: Node, tmp_path: Path) -> None
     assert [(str(result), result.kind) for result in results if isinstance(result, str)] == [
         ('the recording has reached its limits', 'skipped')]
     assert ended
+
+
+@pytest.mark.parametrize(('limits', 'counts'), [
+    (Limits(), FrameCounts(written=10, skipped=10)),
+    (Limits(max_frames=3), FrameCounts(written=3, skipped=17)),
+    (Limits(max_seconds=5.0), FrameCounts(written=3, skipped=17))])
+def test_every_frame_is_in_one_count(
+        tmp_path: Path, limits: Limits, counts: FrameCounts) -> None:
+    clock, console = SteppedClock(), Console()
+    sink = open_sink(tmp_path, FileNames('{seq}.png'), EncoderSettings('.png'), 'continue',
+                     Limits(), sync=False)
+    session = RecordingSession(
+        Recorder(sink, console, block=True), lambda: None,
+        Selection(2, 0.0, limits, clock.monotonic))
+    for number in range(20):
+        session.record(gray_frame(number))
+        clock.step_to(clock.now + 1)
+    session.others.failed += 1
+    session.others.unprocessed += 2
+    session.recorder.close()
+    assert session.counts == counts + FrameCounts(failed=1, unprocessed=2)
+    assert len(recorded_files(tmp_path)) == counts.written
+    assert session.path and session.path.parent == tmp_path
+
+
+def test_frames_after_the_recorder_was_abandoned(tmp_path: Path) -> None:
+    sink = open_sink(tmp_path, FileNames('a.mcap'), EncoderSettings('.mcap'), 'continue',
+                     Limits(), sync=False)
+    session = RecordingSession(Recorder(sink, Console(), writers=1), lambda: None)
+    for number in range(30):
+        session.record(gray_frame(number))
+        if number == 10:
+            session.recorder.abandon()
+    assert not session.wait_for_room(float('inf'))
+    session.recorder.close()
+    assert sum(astuple(session.counts)) == 30

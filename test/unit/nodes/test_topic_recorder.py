@@ -26,7 +26,7 @@ from console import Console
 from opencv_tools.message_types.definition import read_definition
 from opencv_tools.nodes.subscriber import topic_recorder as module
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
-from opencv_tools.recording.bag_file import MessageBatch, RecordedMessage
+from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.recorder import OnDone
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.type_support import TypeSupport

@@ -40,14 +40,12 @@ from opencv_tools.image.cdr import (
     compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader, WireImage)
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.recording.bag_file import MessageBatch
-from opencv_tools.recording.bag_sink import BagSink, RecordedMessage
+from opencv_tools.recording.bag_sink import BagSink, MessageBatch, MessageFrame, RecordedMessage
 from opencv_tools.recording.errors import LimitReached, RecordingError, UnwritableError, Unwritten
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.manifest import Manifest
-from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, finish_bags, open_sink
 from opencv_tools.recording.recorder import Recorder
@@ -518,7 +516,7 @@ RECORD = """
 import pathlib, sys
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireHeader, WireImage
-from opencv_tools.recording.message_frame import MessageFrame
+from opencv_tools.recording.bag_sink import MessageFrame
 from opencv_tools.recording.image_encoder import EncoderSettings
 from opencv_tools.recording.naming import FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import open_sink

@@ -23,8 +23,7 @@ from threading import Event
 
 from console import Console
 from opencv_tools.bags.bag import Bag
-from opencv_tools.recording import disk_reserve as module
-from opencv_tools.recording.disk_reserve import SinkWithReserve
+from opencv_tools.recording import file_sink as module
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.open_sink import open_bag_sink
 from opencv_tools.recording.recorder import Recorder
@@ -34,8 +33,7 @@ from waiting import wait_until
 
 
 def test_end_at_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sink, is_written, ended = SinkWithReserve(
-        open_bag_sink(tmp_path, 'drive'), tmp_path), Event(), []
+    sink, is_written, ended = open_bag_sink(tmp_path, 'drive'), Event(), []
     recorder = Recorder(sink, Console(), writers=1, on_full=lambda: ended.append(True))
     for number in range(2):
         recorder.put(gray_frame(number))
@@ -48,27 +46,27 @@ def test_end_at_the_reserve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     recorder.close()
     assert (recorder.counts.written, recorder.counts.skipped, recorder.counts.failed) == (3, 3, 0)
     assert ended == [True]
-    assert sink.refusal.endswith(' MB left, and recordings leave 1000000000000 MB free')
+    assert recorder.limit.endswith(' MB left, and recordings leave 1000000000000 MB free')
     assert sum(Bag(tmp_path / 'drive.mcap').topics.values()) == 3
 
 
 def test_removed_folder(tmp_path: Path) -> None:
     folder = tmp_path / 'bags'
-    sink = SinkWithReserve(open_bag_sink(folder, 'drive'), folder)
+    sink = open_bag_sink(folder, 'drive')
     shutil.rmtree(folder)
-    sink.check()
+    sink.check_reserve()
     assert sink.left is None
     frame = gray_frame(1)
     path = sink.commit(frame, sink.prepare(frame))  # which creates the folder again
-    sink.check()
+    sink.check_reserve()
     sink.close()
     assert path.exists() and sink.left
 
 
 def test_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, 'RESERVE_BYTES', 10**18)
-    sink = SinkWithReserve(open_bag_sink(tmp_path, 'drive'), tmp_path)
+    sink = open_bag_sink(tmp_path, 'drive')
     with pytest.raises(LimitReached, match=r'the disk has .* MB left'):
-        sink.check()
+        sink.check_reserve()
     sink.close()
     assert [*tmp_path.iterdir()] == []

@@ -20,7 +20,7 @@ from threading import Barrier, Thread
 import time
 
 from console import Console
-from opencv_tools.recording.failure_log import FailureLog
+from opencv_tools.recording.errors import FailureLog
 import pytest
 from switching import switching_in
 

@@ -21,8 +21,7 @@ from pathlib import Path
 import numpy as np
 from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.recording.errors import VideoError
-from opencv_tools.recording.video.frame import to_video_frame
-from opencv_tools.recording.video.writer import VideoWriter
+from opencv_tools.recording.video.writer import to_video_frame, VideoWriter
 import pytest
 from videos import BT_601, COLORS, decode
 

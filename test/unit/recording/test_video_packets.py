@@ -33,11 +33,10 @@ import numpy as np
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.capture.bag import BagSource
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
+from opencv_tools.recording.bag_sink import MessageFrame
 from opencv_tools.recording.errors import LimitReached
-from opencv_tools.recording.frames import RawFrame
-from opencv_tools.recording.message_frame import MessageFrame
+from opencv_tools.recording.frames import PacketFrame, RawFrame
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.recording.packet_frame import PacketFrame
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.container import VideoFile
@@ -190,6 +189,15 @@ def test_publishers_without_numbers_are_not_mixed(tmp_path: Path) -> None:
     videos = open_videos(tmp_path, 'a.mkv')
     assert put(videos, *frames) == [2, 5]
     videos.close()
+
+
+def test_publisher_goes_on_after_a_packet_of_another(tmp_path: Path) -> None:
+    first, second = flat_packets(4), flat_packets(4)
+    videos = open_videos(tmp_path)
+    assert put(videos, *frames_of(first[:2]), frame_of(second[2], 2, b'b'),
+               *frames_of(first[2:], 2)) == [2]
+    videos.close()
+    assert numbers(tmp_path / 'clip.mkv') == [0, 1, 2, 3]
 
 
 def test_another_publisher_begins_with_a_key_frame(tmp_path: Path) -> None:

@@ -29,8 +29,8 @@ import av
 from conftest import disk_of
 import numpy as np
 from opencv_tools.recording.errors import VideoError
-from opencv_tools.recording.video.frame import to_video_frame
-from opencv_tools.recording.video.writer import check_video, count_frames, VideoWriter
+from opencv_tools.recording.video.writer import (
+    check_video, count_frames, to_video_frame, VideoWriter)
 import pytest
 from videos import (
     COLORS, decode, draw, every_format, numbers, play, read, record, START_NS, TOLERANCE_MS)
@@ -327,7 +327,7 @@ WRITE_UNTIL_KILLED = """
 import itertools, pathlib, sys, time
 from videos import draw
 from opencv_tools.recording.video.writer import VideoWriter
-from opencv_tools.recording.video.frame import to_video_frame
+from opencv_tools.recording.video.writer import to_video_frame
 path = pathlib.Path(sys.argv[1])
 writer = None
 for number in itertools.count():

@@ -21,6 +21,7 @@ from functools import partial
 import gc
 from pathlib import Path
 from threading import Event, Thread
+from types import SimpleNamespace
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,9 +30,10 @@ from opencv_tools.basic_image_subscriber import ImageSubscriber
 from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscriber
 from opencv_tools.image_viewer import ImageViewer
 from opencv_tools.nodes.run_node import ClosableNode
+from opencv_tools.recording.recorder import FrameCounts
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer.graph import Graph
-from opencv_tools.viewer.recording.images import RecordedImages, Topic
+from opencv_tools.viewer.recording.bag_recording import RecordedImages, Topic
 from opencv_tools.viewer.streams.feed import Feed
 import pytest
 import rclpy
@@ -62,12 +64,14 @@ class _Recorder:
 
     def __init__(self, node: Node) -> None:
         self.frames: list[object] = []
+        session: Any = SimpleNamespace(
+            record=self.frames.append, others=FrameCounts(),
+            recorder=SimpleNamespace(has_room=True))
         self._images = RecordedImages(
-            node, Topic(f'/{TOPIC}', 'auto'), Log(node.get_logger()), self.frames.append,
-            self.frames.append)
+            node, Topic(f'/{TOPIC}', 'auto'), Log(node.get_logger()), session, self.frames.append)
 
     def destroy(self) -> None:
-        self._images.close(lambda: True)
+        self._images.close()
 
 
 class _Look:

@@ -31,16 +31,14 @@ from opencv_tools.bags.schemas import IMAGE
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import (
     cdr_to_compressed_image, cdr_to_image, WireCompressedImage, WireHeader, WireImage)
-from opencv_tools.nodes.bag_messages import frame_of
-from opencv_tools.recording import disk_reserve
-from opencv_tools.recording.bag_sink import BagSink
+from opencv_tools.nodes.conversion import frame_of
+from opencv_tools.recording import file_sink
+from opencv_tools.recording.bag_sink import BagSink, MessageFrame
 from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.message_frame import MessageFrame
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.recording import bag_recording as module
-from opencv_tools.viewer.recording.bag_recording import BagRecording
-from opencv_tools.viewer.recording.images import Topic
+from opencv_tools.viewer.recording.bag_recording import BagRecording, Topic
 from opencv_tools.viewer.recording.page_recorder import (
     bag_frames, BagFolder, topics_of, write_frames)
 import pytest
@@ -96,7 +94,7 @@ class StuckSink:
     def __init__(self, folder: Path) -> None:
         self._sink = BagFolder(str(folder)).open()
         self.counts = self._sink.counts
-        self.left, self.refusal, self.is_cut_off = 5, '', False
+        self.left = 5
         self.may_write = Event()
 
     def commit(self, frame: Any, prepared: Any) -> Path:
@@ -116,7 +114,7 @@ def test_bytes_that_wait_for_the_disk(tmp_path: Path, monkeypatch: pytest.Monkey
     sink, console = StuckSink(tmp_path), Console()
     recording = BagRecording(sink, console)  # type: ignore[arg-type]
     frames = raw_frames(*(received(number) for number in range(30)))
-    assert [recording.put(frame) for frame in frames].count(True) == 10
+    assert [recording.record(frame) for frame in frames].count(True) == 10
     sink.may_write.set()
     recording.stop()
     recording.finish()
@@ -135,7 +133,7 @@ def test_bag_that_cannot_be_finished(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(BagSink, 'close', close)
     recording = BagRecording(sink, console)
     for frame in raw_frames(received(1)):
-        recording.put(frame)
+        recording.record(frame)
     recording.stop()
     assert recording.account()['problem'] == ''
     recording.finish()
@@ -149,8 +147,8 @@ def test_abandoned_frames(tmp_path: Path) -> None:
     sink = StuckSink(tmp_path)
     recording = BagRecording(sink, Console())  # type: ignore[arg-type]
     for frame in raw_frames(*(received(number) for number in range(30))):
-        recording.put(frame)
-    recording.abandon()
+        recording.record(frame)
+    recording.recorder.abandon()
     sink.may_write.set()
     recording.stop()
     recording.finish()
@@ -184,7 +182,7 @@ def test_frames_in_memory(node: Node, tmp_path: Path) -> None:
 def test_frames_in_memory_and_a_full_disk(
         node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sink = BagFolder(str(tmp_path)).open('_kept')
-    monkeypatch.setattr(disk_reserve, 'RESERVE_BYTES', 10**18)
+    monkeypatch.setattr(file_sink, 'RESERVE_BYTES', 10**18)
     saved = write_frames(
         sink, bag_frames(node, {'/left': [received(number) for number in range(100)]}), Console())
     assert (saved.written, saved.name) == (0, '')
