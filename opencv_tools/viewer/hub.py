@@ -33,11 +33,11 @@ from opencv_tools.viewer.inspect.history import History
 from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import finite, ViewRequest
-from opencv_tools.viewer.streams.encoded_video import video_source
 from opencv_tools.viewer.streams.feed import Feed, FeedKey
 from opencv_tools.viewer.streams.packets import PacketFeed, PACKETS
-from opencv_tools.viewer.streams.stream import Stream, UNUSED_SECONDS
-from opencv_tools.viewer.streams.video_source import PacketSource
+from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.streams.video_channel import PacketSource, video_source
+from opencv_tools.viewer.watched import in_loop
 
 _T = TypeVar('_T')
 _POLL_SECONDS = 1.0
@@ -87,7 +87,6 @@ class Hub:
         self._streams: dict[FeedKey, Stream] = {}
         # Sources of the streams that pages get as video, for slow links or not.
         self._videos: dict[tuple[FeedKey, bool], PacketSource] = {}
-        self._users: dict[FeedKey, int] = {}
         self._pending: asyncio.Future[GraphState] | None = None
         self._poll: asyncio.Task[None] | None = None
 
@@ -149,24 +148,19 @@ class Hub:
                 topic.number, key, self._loop, self._pool, self._log,
                 PacketFeed if transport == PACKETS and not slow else Feed)
             stream.feed.keep = partial(self.history.add, key)
+            stream.on_unused = partial(self._close, stream)
             self._calls.call(partial(self._graph.open, key, stream.feed), stream.feed.opened)
         if video and (key, slow) not in self._videos and (
                 transport == PACKETS or self.settings.video == 'always'):
             again = partial(open_again, self._graph, key, stream.feed)
             self._videos[key, slow] = video_source(stream, self.settings.rate, partial(
                 self._calls.call, again, stream.feed.opened), slow)
-        self._users[key] = self._users.get(key, 0) + 1
+        stream.acquire()
         return stream
 
     def video(self, stream: Stream, slow: bool) -> PacketSource | None:
         """Return the source of the video of a stream; None if pages get JPEGs."""
         return self._videos.get((stream.key, slow))
-
-    def release(self, stream: Stream) -> None:
-        """Unsubscribe two seconds after the last user of a stream."""
-        self._users[stream.key] -= 1
-        if not self._users[stream.key]:
-            self._loop.call_later(UNUSED_SECONDS, self._close_unused, stream)
 
     def options(self, requested: ViewRequest) -> ViewRequest:
         """Return what a viewer requests, within the parameters of the node."""
@@ -186,8 +180,8 @@ class Hub:
         :raises RequestError: the executor is busy, or the state cannot be read.
         """
         if self._pending is None:
-            self._pending = self._loop.create_future()
-            self._calls.call(self._graph.state, partial(self._in_loop, self._set_state))
+            self._pending = _ask(partial(self._calls.call, self._graph.state))
+            self._pending.add_done_callback(self._set_state)
         return await _answer(self._pending)
 
     async def control(
@@ -201,9 +195,8 @@ class Hub:
         """
         if (control := self._graph.control) is None:
             raise RequestError('control is off: start the node with control:=true', 403)
-        answered: asyncio.Future[dict[str, Any]] = self._loop.create_future()
-        self._calls.start(choose(control), partial(self._in_loop, _set_result, answered))
-        return await answered
+        answer: dict[str, Any] = await _ask(partial(self._calls.start, choose(control)))
+        return answer
 
     def lists(self) -> dict[str, Any]:
         """Return the topics, and the nodes that can be controlled, by the name of the message."""
@@ -222,8 +215,7 @@ class Hub:
         for topic in topics:
             for transport in (self.settings.transport, PACKETS):
                 if stream := self._streams.get((topic['name'], transport)):
-                    topic |= {'status': self.status(stream), 'viewers': self._users[stream.key]
-                              + topic.get('viewers', 0)}
+                    topic |= {'status': self.status(stream), 'viewers': stream.users + topic.get('viewers', 0)}
         return topics
 
     async def _find(self, name: str) -> ViewTopic:
@@ -232,33 +224,21 @@ class Hub:
             await self.refresh()
         topic = self.state.topics.get(name)
         if topic is None and self.state.more:
-            found: asyncio.Future[ViewTopic | None] = self._loop.create_future()
-            self._calls.call(
-                partial(self._graph.find, name), partial(self._in_loop, _set_result, found))
-            topic = await _answer(found)
+            topic = await _answer(_ask(partial(self._calls.call, partial(self._graph.find, name))))
         if topic is None:
             raise RequestError(self.state.describe_unknown(name), 404)
         return topic
 
-    def _in_loop(self, call: Callable[..., object], *args: object) -> None:
-        """Call a function in the loop, from the executor."""
-        with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(call, *args)
-
-    def _set_state(self, state: GraphState | RequestError) -> None:
-        if isinstance(state, GraphState):
-            self.state = state
-        if self._pending:
-            _set_result(self._pending, state)
+    def _set_state(self, read: asyncio.Future[GraphState]) -> None:
         self._pending = None
+        if not read.exception():
+            self.state = read.result()
 
-    def _close_unused(self, stream: Stream) -> None:
-        key = stream.key
-        if self._streams.get(key) is stream and not self._users[key]:
-            del self._streams[key], self._users[key]
-            for slow in (False, True):
-                self._videos.pop((key, slow), None)
-            self._calls.call(lambda: self._graph.close(key, stream.feed))
+    def _close(self, stream: Stream) -> None:
+        del self._streams[stream.key]
+        for slow in (False, True):
+            self._videos.pop((stream.key, slow), None)
+        self._calls.call(partial(self._graph.close, stream.key, stream.feed))
 
     async def _update_viewers(self) -> None:
         """Send the state to all pages once a second, while there are any."""
@@ -273,6 +253,17 @@ class Hub:
             for viewer in tuple(self.viewers):
                 viewer.update(changed)
             await asyncio.sleep(_POLL_SECONDS)
+
+
+def _ask(request: Callable[[Callable[[Any], object]], object]) -> asyncio.Future[Any]:
+    """
+    Return the answer of the executor to a request.
+
+    :param request: function that gets what the executor calls with the result, or the refusal.
+    """
+    answered: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+    request(in_loop(partial(_set_result, answered)))
+    return answered
 
 
 async def _answer(future: asyncio.Future[_T]) -> _T:

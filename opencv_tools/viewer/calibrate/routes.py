@@ -97,7 +97,7 @@ class CalibrationSocket(SocketHandler):
             self.try_again(err)
             return
         if self.ws_connection is None:  # the page was closed meanwhile
-            self._calibrations.leave(live, self)
+            live.leave(self)
             return
         self._live = live
         self.show({'hello': {'host': socket.gethostname(), 'topic': name, 'models': [*MODELS],
@@ -108,7 +108,7 @@ class CalibrationSocket(SocketHandler):
         """Leave the session."""
         super().on_close()
         if self._live:
-            self._calibrations.leave(self._live, self)
+            self._live.leave(self)
             self._live = None
 
     def on_message(self, message: str | bytes) -> None:

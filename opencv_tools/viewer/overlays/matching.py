@@ -24,6 +24,7 @@ from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.overlays.boxes import Boxes
 from opencv_tools.viewer.overlays.sources import BoxSource, Detections
 from opencv_tools.viewer.streams.feed import Feed, NewFrame
+from opencv_tools.viewer.watched import quiet_limit
 
 _MAX_READ = 8  # frames whose boxes are kept; a page may request one with another region
 
@@ -110,8 +111,7 @@ def has_same_camera(frame: NewFrame, found: Detections) -> bool:
 # Frames that wait for their boxes, and their bytes.
 _MAX_FRAMES, _MAX_FRAME_BYTES = 32, 64 << 20
 _PERIOD = 1 / 60  # between two matches in seconds
-# Seconds and periods without a match after which frames are shown without boxes.
-_QUIET_SECONDS, _QUIET_PERIODS, _MAX_QUIET_SECONDS = 1.0, 3, 3.0
+_MAX_QUIET_SECONDS = 3.0  # without a match, after which frames are shown without boxes
 
 
 class MatchedFrames:
@@ -206,8 +206,8 @@ class MatchedFrames:
     def _hold_seconds(self) -> float:
         """Return the time until frames without boxes are shown again."""
         quiet = self._meter.silent_seconds
-        return -1.0 if quiet is None else min(_MAX_QUIET_SECONDS, max(
-            _QUIET_SECONDS, _QUIET_PERIODS * self._meter.period)) - quiet
+        return -1.0 if quiet is None else min(
+            _MAX_QUIET_SECONDS, quiet_limit(self._meter)) - quiet
 
     def _next(self) -> tuple[NewFrame, Detections] | None:
         """Return the newest frame whose boxes have arrived and were not read."""

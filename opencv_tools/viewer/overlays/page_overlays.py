@@ -239,12 +239,12 @@ class PageOverlays:
         if drawn:
             del self._boxes[topic]
             drawn.frames.close()
-            self._sources.release(drawn.source, drawn.frames.look)
+            drawn.source.leave(drawn.frames.look)
         if name:
             source = self._sources.boxes(name)
             frames = MatchedFrames(source, partial(self._matched, topic),
                                    partial(self._show_again, topic))
-            source.watchers.add(frames.look)
+            source.join(frames.look)
             self._boxes[topic] = _Drawn(source, frames)
         self._show_again(topic)
 
@@ -253,11 +253,11 @@ class PageOverlays:
             return
         if not has_camera:
             overlay = self._cameras.pop(topic)
-            self._sources.release(overlay.source, overlay.look)
+            overlay.source.leave(overlay.look)
             return
         overlay = CameraOverlay(
             self._sources.camera(topic), topic, partial(self._size, topic), self._post)
-        overlay.source.watchers.add(overlay.look)
+        overlay.source.join(overlay.look)
         self._cameras[topic] = overlay
         overlay.look()
 

@@ -33,8 +33,7 @@ from opencv_tools.viewer.protocol import (
     MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong, topic_of,
     ViewRequest, WIDTHS)
 from opencv_tools.viewer.streams.channel import Channel
-from opencv_tools.viewer.streams.video_channel import VideoChannel
-from opencv_tools.viewer.streams.video_link import VideoLink
+from opencv_tools.viewer.streams.video_channel import VideoChannel, VideoLink
 from opencv_tools.viewer.web.web import POLICY_VIOLATION, SocketHandler
 from tornado.websocket import WebSocketClosedError
 
@@ -219,7 +218,7 @@ class PageSocket(SocketHandler):
             return None
         if holds and isinstance(channel, Channel):
             channel.set_options(options)
-            self.site.hub.release(channel.stream)
+            channel.stream.release()
             return None
         self._unsubscribe(name)
         if options.held:
@@ -237,7 +236,7 @@ class PageSocket(SocketHandler):
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
-            self.site.hub.release(stream)  # the page was closed meanwhile
+            stream.release()  # the page was closed meanwhile
             return None
         self._links[name] = link
         video = self.site.hub.video(stream, options.slow) if options.video else None
@@ -265,7 +264,7 @@ class PageSocket(SocketHandler):
         if channel:
             channel.close()
             if not channel.options.held:
-                self.site.hub.release(channel.stream)
+                channel.stream.release()
             self._steps.follow(name)
 
     def _send(self, pack: Callable[[int], bytes]) -> int:

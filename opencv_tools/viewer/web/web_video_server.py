@@ -107,7 +107,7 @@ class StreamingHandler(SiteHandler):
             try:
                 yield stream
             finally:
-                hub.release(stream)
+                stream.release()
         except RequestError as err:
             raise Refusal(err) from err
         finally:

@@ -31,6 +31,7 @@ from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams.feed import Feed
+from opencv_tools.viewer.watched import Watched
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -137,23 +138,23 @@ def test_pages_get_what_another_reading_has_found(
 
 def test_stream_is_kept_for_a_page_that_comes_back(
         run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hub_module, 'UNUSED_SECONDS', 0.0)
+    monkeypatch.setattr(Watched, 'unused_seconds', 0.0)
 
     async def work(hub: Hub) -> None:
         hub.state = GraphState({'/image': ViewTopic(number=1, name='/image')})
         stream = await hub.acquire('/image')
-        hub.release(stream)
+        stream.release()
         assert await hub.acquire('/image') is stream  # before the stream is closed
         await due()
         assert await hub.acquire('/image') is stream
         for _ in range(2):
-            hub.release(stream)
+            stream.release()
         await due()
         other = await hub.acquire('/image')
         assert other is not stream
         subscriptions = hub._graph._open
         await until(lambda: other.feed in [feed for feed, _ in [*subscriptions.values()]])
-        hub.release(other)
+        other.release()
         await until(lambda: not subscriptions)
 
     run(work)
