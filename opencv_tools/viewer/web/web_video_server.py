@@ -37,7 +37,7 @@ from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
 from opencv_tools.viewer.streams.feed import NewFrame
 from opencv_tools.viewer.streams.stream import Stream
-from opencv_tools.viewer.web.web import Refusal, SiteHandler
+from opencv_tools.viewer.web.web import SiteHandler
 from tornado.escape import xhtml_escape
 
 # Lossless formats, most common first; .npy stores every frame.
@@ -94,22 +94,17 @@ class StreamingHandler(SiteHandler):
         Look at the topic of the URL.
 
         :param original: whether raw images are preferred to compressed ones.
-        :raises Refusal: there is no such topic, or too many viewers.
+        :raises RequestError: there is no such topic, or too many viewers.
         """
         hub = self.site.hub
-        try:
-            name = topic_of(self.get_query_argument('topic', None))
-            hub.add_connection()
-        except RequestError as err:
-            raise Refusal(err) from err
+        name = topic_of(self.get_query_argument('topic', None))
+        hub.add_connection()
         try:
             stream = await hub.acquire(name, original)
             try:
                 yield stream
             finally:
                 stream.release()
-        except RequestError as err:
-            raise Refusal(err) from err
         finally:
             hub.remove_connection()
 
@@ -117,15 +112,12 @@ class StreamingHandler(SiteHandler):
         """
         Return the size and quality of the URL.
 
-        :raises Refusal: a number is invalid.
+        :raises RequestError: a number is invalid.
         """
         settings = self.site.hub.settings
-        try:
-            width, height, quality = (
-                int(number_of(self.get_query_argument(name, '') or '0', name, 0, high))
-                for name, high in (('width', 65_535), ('height', 65_535), ('quality', 100)))
-        except RequestError as err:
-            raise Refusal(err) from err
+        width, height, quality = (
+            int(number_of(self.get_query_argument(name, '') or '0', name, 0, high))
+            for name, high in (('width', 65_535), ('height', 65_535), ('quality', 100)))
         widths = [limit for limit in (width, settings.width) if limit]
         return PictureOptions(min(widths, default=0), quality or settings.quality, height=height,
                               keep=not quality)
@@ -154,10 +146,7 @@ class SnapshotHandler(StreamingHandler):
         """Write the frame of a picture, or the next one; who has not read it is still a viewer."""
         if key := self.get_query_argument('picture', ''):
             files: PictureFiles = self.settings['files']
-            try:
-                await self.finish(await self._original(*files.take(key)))
-            except RequestError as err:
-                raise Refusal(err) from err
+            await self.finish(await self._original(*files.take(key)))
             return
         is_original = self.get_query_argument('format', 'jpg') == 'original'
         options = self.picture_options()
@@ -203,7 +192,7 @@ class StreamHandler(StreamingHandler):
         """Write pictures until the browser closes the connection."""
         kind = self.get_query_argument('type', '') or 'mjpeg'
         if kind != 'mjpeg':
-            raise Refusal(RequestError(f'type {kind[:40]!r} is not available: use mjpeg'))
+            raise RequestError(f'type {kind[:40]!r} is not available: use mjpeg')
         options = self.picture_options()
         async with self.stream() as stream:
             frame = await self.first_frame(stream)
@@ -256,10 +245,7 @@ class StreamViewerHandler(SiteHandler):
 
     def get(self) -> None:
         """Write the page."""
-        try:
-            name = topic_of(self.get_query_argument('topic', None))
-        except RequestError as err:
-            raise Refusal(err) from err
+        name = topic_of(self.get_query_argument('topic', None))
         self.keep_token()
         given = {key: self.get_query_argument(key, '')
                  for key in ('type', 'width', 'height', 'quality')}
