@@ -28,11 +28,10 @@ from opencv_tools.base.logs import Log
 from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE, open_again, ViewTopic
+from opencv_tools.viewer.graph import Graph, GraphState, open_again, ViewTopic
 from opencv_tools.viewer.inspect.history import History
-from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.parameters import ViewerSettings
-from opencv_tools.viewer.protocol import finite, ViewRequest
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams.feed import Feed, FeedKey
 from opencv_tools.viewer.streams.packets import PacketFeed, PACKETS
 from opencv_tools.viewer.streams.stream import Stream
@@ -75,15 +74,17 @@ class Hub:
         """
         self.settings = settings
         self.viewers: set[Viewer] = set()
+        #: Viewers that are not pages of topics.
+        self.connections: set[object] = set()
+        #: Functions that are called once a second.
+        self.watchers: set[Callable[[], object]] = set()
         self.state = GraphState()
         self.history = History(settings.history_bytes)
-        self.steps = partial(Steps, self.history)
         self._graph = graph
         self._calls = calls
         self._pool = pool
         self._log = log
         self._loop = asyncio.get_running_loop()
-        self._connections = 0
         self._streams: dict[FeedKey, Stream] = {}
         # Sources of the streams that pages get as video, for slow links or not.
         self._videos: dict[tuple[FeedKey, bool], PacketSource] = {}
@@ -98,22 +99,27 @@ class Hub:
 
         :raises RequestError: there are too many.
         """
-        if (count := len(self.viewers) + self._connections) >= self.settings.viewers:
+        if (count := len(self.viewers) + len(self.connections)) >= self.settings.viewers:
             raise RequestError(f'{count} pages look already: close one, or raise the parameter '
                                'viewers', 503)
 
-    def add_connection(self) -> None:
-        """Count a viewer that is not a page."""
-        self.check_room()
-        self._connections += 1
+    def add_connection(self, viewer: object) -> None:
+        """
+        Count a viewer that is not a page of topics.
 
-    def remove_connection(self) -> None:
-        """Count the end of a viewer that is not a page."""
-        self._connections -= 1
+        :raises RequestError: there are too many.
+        """
+        self.check_room()
+        self.connections.add(viewer)
 
     def add_viewer(self, viewer: Viewer) -> None:
         """Send the state to a page from now on."""
         self.viewers.add(viewer)
+        self.watch()
+
+    def watch(self, *watchers: Callable[[], object]) -> None:
+        """Read the state once a second from now on, and call functions then."""
+        self.watchers.update(watchers)
         if self._poll is None or self._poll.done():
             self._poll = asyncio.ensure_future(self._update_viewers())
 
@@ -129,10 +135,10 @@ class Hub:
 
     # Streams
 
-    async def acquire(self, name: str, original: bool = False, video: bool = False,
-                      slow: bool = False) -> Stream:
+    async def stream(self, name: str, original: bool = False, video: bool = False,
+                     slow: bool = False) -> Stream:
         """
-        Return the stream of a topic; the caller releases it.
+        Return the stream of a topic, which ends in two seconds unless somebody uses it.
 
         :param original: whether raw images are preferred to other ones.
         :param video: whether the method ``video`` has a source, if the parameters allow it.
@@ -156,6 +162,7 @@ class Hub:
             self._videos[key, slow] = video_source(stream, self.settings.rate, partial(
                 self._calls.call, again, stream.feed.opened), slow)
         stream.acquire()
+        stream.release()
         return stream
 
     def video(self, stream: Stream, slow: bool) -> PacketSource | None:
@@ -198,24 +205,14 @@ class Hub:
         answer: dict[str, Any] = await _ask(partial(self._calls.start, choose(control)))
         return answer
 
-    def lists(self) -> dict[str, Any]:
-        """Return the topics, and the nodes that can be controlled, by the name of the message."""
-        return self.state.lists()
-
-    def status(self, stream: Stream) -> dict[str, Any]:
-        """Return the state of a stream of the protocol."""
-        known = self.state.feeds.get(stream.key, NO_STATE)
-        limits = stream.last_picture and stream.last_picture.limits
-        return {**stream.status(), 'lost': known.lost, 'reason': known.reason or stream.error,
-                'range': limits and [finite(limit) for limit in limits]}
-
     def full_json(self) -> list[dict[str, Any]]:
         """Return the list of topics with the state of those that somebody looks at."""
-        topics: list[dict[str, Any]] = self.lists()['topics']
+        topics: list[dict[str, Any]] = self.state.lists()['topics']
         for topic in topics:
             for transport in (self.settings.transport, PACKETS):
                 if stream := self._streams.get((topic['name'], transport)):
-                    topic |= {'status': self.status(stream), 'viewers': stream.users + topic.get('viewers', 0)}
+                    topic |= {'status': stream.status(),
+                              'viewers': stream.users + topic.get('viewers', 0)}
         return topics
 
     async def _find(self, name: str) -> ViewTopic:
@@ -241,17 +238,19 @@ class Hub:
         self._calls.call(partial(self._graph.close, stream.key, stream.feed))
 
     async def _update_viewers(self) -> None:
-        """Send the state to all pages once a second, while there are any."""
-        before = self.lists()
-        while self.viewers:
+        """Send the state to all pages once a second, while somebody wants it."""
+        before = self.state.lists()
+        while self.viewers or self.watchers:
             with suppress(RequestError):
                 await self.refresh()
             # Others refresh the state as well, so it is compared with what pages have got.
-            lists = self.lists()
+            lists = self.state.lists()
             changed = {name: value for name, value in lists.items() if value != before.get(name)}
             before = lists
             for viewer in tuple(self.viewers):
                 viewer.update(changed)
+            for watcher in tuple(self.watchers):
+                watcher()
             await asyncio.sleep(_POLL_SECONDS)
 
 

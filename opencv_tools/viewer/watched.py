@@ -69,9 +69,10 @@ class Watched(Generic[_W]):
         self.acquire()
 
     def leave(self, watcher: _W) -> None:
-        """Remove a watcher, and end its use."""
-        self.watchers.discard(watcher)
-        self.release()
+        """Remove a watcher, and end its use; nothing happens if it has left before."""
+        if watcher in self.watchers:
+            self.watchers.remove(watcher)
+            self.release()
 
 
 def in_loop(call: Callable[..., object]) -> Callable[..., None]:

@@ -151,6 +151,7 @@ class LiveCalibration(Watched[CalibrationPage]):
         :param searcher: the thread that searches.
         """
         super().__init__()
+        stream.acquire()
         self.stream = stream
         self.session = Session()
         self._camera = camera
@@ -165,6 +166,7 @@ class LiveCalibration(Watched[CalibrationPage]):
 
     def close(self) -> None:
         """End the searches and the solution."""
+        self.stream.release()
         self._search.close()
         if self._work:
             self._work.cancel()

@@ -87,7 +87,7 @@ class CalibrationSocket(SocketHandler):
         """Join the session of the topic, and send its state."""
         self.set_nodelay(True)
         try:
-            self.count()
+            self.site.hub.add_connection(self)
             name = topic_of(self.get_query_argument('topic', None))
             live = await self._calibrations.join(name, self)
         except RequestError as err:

@@ -234,10 +234,8 @@ class Calibrations:
         """
         check_raw(name)
         if name not in self._sessions:
-            stream = await self._hub.acquire(name, original=True)
-            if name in self._sessions or len(self._sessions) >= _MAX_SESSIONS:
-                stream.release()
-            else:
+            stream = await self._hub.stream(name, original=True)
+            if name not in self._sessions and len(self._sessions) < _MAX_SESSIONS:
                 live = self._sessions[name] = LiveCalibration(
                     stream, self._searcher, NodeCamera(self._hub, name), self._log)
                 live.on_unused = partial(self._end, live)
@@ -251,4 +249,3 @@ class Calibrations:
     def _end(self, live: LiveCalibration) -> None:
         del self._sessions[live.stream.name]
         live.close()
-        live.stream.release()

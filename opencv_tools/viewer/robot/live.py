@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import cache, partial
 import hashlib
 import math
@@ -209,7 +208,6 @@ class Descriptions:
 
 _PERIOD = 1 / 30  # between two looks at the messages in seconds
 _LOAD = 4  # part of the time, 1 / 4, that untrusted messages may take
-_STATE_SECONDS = 1.0
 
 
 class RobotPage(Protocol):
@@ -244,7 +242,6 @@ class LiveRobots(Watched[RobotPage]):
         self.positions = Positions()
         self._inbox: Inbox | None = None
         self._meter = RateMeter()
-        self._polling: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self.on_unused = self._close_topics
         self._due = 0.0
@@ -252,8 +249,6 @@ class LiveRobots(Watched[RobotPage]):
     def close(self) -> None:
         """End all work."""
         self.descriptions.close()
-        if self._polling:
-            self._polling.cancel()
 
     def join(self, page: RobotPage) -> None:
         """Send the robot to a page from now on."""
@@ -263,10 +258,10 @@ class LiveRobots(Watched[RobotPage]):
             self._meter = RateMeter()
             self._inbox = Inbox(in_loop(self._arrived))
             self._open(self._inbox, DESCRIPTION, *(MOTION if self.descriptions.robot else ()))
-        if self._polling is None:
-            self._polling = asyncio.ensure_future(self._poll())
+        self._hub.watch(self._show)
 
     def _close_topics(self) -> None:
+        self._hub.watchers.discard(self._show)
         self._inbox = None
         self._calls.call(self._topics.close)
 
@@ -310,15 +305,6 @@ class LiveRobots(Watched[RobotPage]):
                 self._open(self._inbox, *MOTION)
         for page in self.watchers:
             page.show(self._state())
-
-    async def _poll(self) -> None:
-        """Send the state once a second, while there are pages."""
-        while self.watchers:
-            with suppress(RequestError):
-                await self._hub.refresh()
-            self._show()
-            await asyncio.sleep(_STATE_SECONDS)
-        self._polling = None
 
     def _state(self) -> dict[str, Any]:
         quiet = self._meter.silent_seconds

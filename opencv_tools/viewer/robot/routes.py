@@ -49,7 +49,7 @@ class RobotSocket(SocketHandler):
         """Count the page; the robot follows when somebody sees it."""
         self.set_nodelay(True)
         try:
-            self.count()
+            self.site.hub.add_connection(self)
         except RequestError as err:
             self.try_again(err)
             return

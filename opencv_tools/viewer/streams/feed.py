@@ -185,6 +185,12 @@ class Feed:
         self.frames = self.broken = 0
         #: Reason why the newest message cannot be read, or why there is no subscription; '' else.
         self.error = ''
+        #: Reason why no frame arrives, as the graph has it; '' while frames arrive.
+        self.reason = ''
+        #: Number of lost frames.
+        self.lost = 0
+        #: Whether the publishers keep their last frame for new subscriptions.
+        self.is_latched = False
         #: Keeps a message, and returns it; in the executor.
         self.keep: Callable[[ReceivedMessage], ReceivedMessage] = lambda received: received
         self._clock = clock

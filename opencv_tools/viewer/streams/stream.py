@@ -23,6 +23,7 @@ from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from opencv_tools.base.logs import Log
+from opencv_tools.viewer.protocol import finite
 from opencv_tools.viewer.streams.depth_colors import DepthRange, Steady
 from opencv_tools.viewer.streams.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.streams.feed import Feed, FeedKey, NewFrame
@@ -93,6 +94,7 @@ class Stream(Watched[Callable[[], object]]):
         """Return what the protocol tells about the pictures."""
         feed, picture = self.feed, self.last_picture
         width, height = picture.source_size if picture else (0, 0)
+        limits = picture and picture.limits
         quiet, restarted = feed.quiet_seconds, feed.restarts.seconds
         return {
             'id': self.number, 'name': self.name, 'width': width, 'height': height,
@@ -100,7 +102,9 @@ class Stream(Watched[Callable[[], object]]):
             'unit': picture.unit if picture else '', 'rate': round(feed.rate, 1),
             'frames': feed.frames, 'broken': self.broken, 'encodings': self.encodings,
             'quiet': None if quiet is None else round(quiet, 2),
-            'restarted': None if restarted is None else round(restarted, 1)}
+            'restarted': None if restarted is None else round(restarted, 1),
+            'lost': feed.lost, 'reason': feed.reason or self.error,
+            'range': limits and [finite(limit) for limit in limits]}
 
     def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | str]:
         """

@@ -124,6 +124,7 @@ class VideoChannel:
         self._skipped = 0
         self._needs_key = True
         self._is_refused = False
+        self.stream.acquire()
         source.add(self)
 
     @property
@@ -141,6 +142,7 @@ class VideoChannel:
         """Send nothing any more."""
         self._is_refused = True
         self._source.remove(self)
+        self.stream.release()
 
     def refuse(self, reason: str) -> None:
         """Report to the page once that there is no video."""

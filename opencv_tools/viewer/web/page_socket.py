@@ -29,6 +29,7 @@ from typing import Any
 from opencv_tools.viewer.control import CameraControl, recorder_of
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.inspect.looks import Looks, MAX_LOOKS
+from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.protocol import (
     MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_options, topic_of, ViewRequest, WIDTHS)
 from opencv_tools.viewer.streams.channel import Channel
@@ -68,18 +69,18 @@ class PageSocket(SocketHandler):
         self._sending: asyncio.Future[None] | None = None
         self._writing: dict[int, asyncio.Future[None]] = {}
         self._controlling = asyncio.Lock()
-        self._looks = Looks(lambda name: self._channels.get(name), self.send_json)
+        self._looks = Looks(self._channels.get, self.send_json)
         self._overlays = self.site.overlays(
-            lambda name: self._channels.get(name), self.send_json,
+            self._channels.get, self.send_json,
             lambda message: self._start(json.dumps(message)))
-        self._steps = self.site.hub.steps(self._channels, self.send_json)
+        self._steps = Steps(self.site.hub.history, self._channels, self.send_json)
         self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
         self._post({'hello': {
             'host': socket.gethostname(), 'control': hub.settings.control, 'widths': WIDTHS,
             'video': hub.settings.shown_video, 'token': self.site.access.token}})
-        for name, value in hub.lists().items():
+        for name, value in hub.state.lists().items():
             self._post({name: value})
         hub.add_viewer(self)
 
@@ -104,9 +105,8 @@ class PageSocket(SocketHandler):
             self._post({name: value})
         self._changed = {}
         if self._channels:
-            hub = self.site.hub
             self._post({'status': [
-                {**hub.status(channel.stream), **channel.status(), **self._overlays.status(name)}
+                {**channel.stream.status(), **channel.status(), **self._overlays.status(name)}
                 for name, channel in self._channels.items()]})
         for name, channel in tuple(self._channels.items()):
             if isinstance(channel, VideoChannel) and channel.link.is_slow != channel.options.slow:
@@ -194,13 +194,10 @@ class PageSocket(SocketHandler):
             has_video = slow = False  # the pictures that are held are images
         looks = holds or (options.looks and not has_video and self._may_look(name))
         options = replace(options, video=has_video, slow=slow, looks=looks)
-        if channel and (channel.options.video, channel.options.slow, channel.options.held) == (
-                has_video, slow, options.held):
+        if channel and (holds or (
+                channel.options.video, channel.options.slow, channel.options.held) == (
+                    has_video, slow, options.held)):
             channel.set_options(options)
-            return None
-        if holds and isinstance(channel, Channel):
-            channel.set_options(options)
-            channel.stream.release()
             return None
         self._unsubscribe(name)
         if options.held:
@@ -214,12 +211,11 @@ class PageSocket(SocketHandler):
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
         try:
-            stream = await self.site.hub.acquire(name, video=options.video, slow=options.slow)
+            stream = await self.site.hub.stream(name, video=options.video, slow=options.slow)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
-            stream.release()  # the page was closed meanwhile
-            return None
+            return None  # the page was closed meanwhile
         self._links[name] = link
         video = self.site.hub.video(stream, options.slow) if options.video else None
         self._channels[name] = VideoChannel(
@@ -245,8 +241,6 @@ class PageSocket(SocketHandler):
         channel = self._channels.pop(name, None)
         if channel:
             channel.close()
-            if not channel.options.held:
-                channel.stream.release()
             self._steps.follow(name)
 
     def _send(self, pack: Callable[[int], bytes]) -> int:

@@ -155,7 +155,6 @@ class SocketHandler(SiteHandler, WebSocketHandler):
         """Store the site."""
         super().initialize(site)
         self._bad_messages = 0
-        self._is_counted = False
 
     async def prepare(self) -> None:
         """Refuse a page without the token, a malformed origin, and more pages than allowed."""
@@ -198,20 +197,9 @@ class SocketHandler(SiteHandler, WebSocketHandler):
         with suppress(WebSocketClosedError):  # on_close follows
             await self.write_message(json.dumps(message))
 
-    def count(self) -> None:
-        """
-        Count the page as a viewer, until it is closed.
-
-        :raises RequestError: there are too many.
-        """
-        self.site.hub.add_connection()
-        self._is_counted = True
-
     def on_close(self) -> None:
         """Count the page no longer."""
-        if self._is_counted:
-            self._is_counted = False
-            self.site.hub.remove_connection()
+        self.site.hub.connections.discard(self)
 
     def try_again(self, err: RequestError) -> None:
         """Close the connection, which the page may open again; the reason has 120 bytes."""

@@ -31,7 +31,6 @@ from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, read_image_header
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.graph import NO_STATE
 from opencv_tools.viewer.inspect.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
@@ -98,15 +97,16 @@ class StreamingHandler(SiteHandler):
         """
         hub = self.site.hub
         name = topic_of(self.get_query_argument('topic', None))
-        hub.add_connection()
+        hub.add_connection(self)
         try:
-            stream = await hub.acquire(name, original)
+            stream = await hub.stream(name, original)
+            stream.acquire()
             try:
                 yield stream
             finally:
                 stream.release()
         finally:
-            hub.remove_connection()
+            hub.connections.discard(self)
 
     def picture_options(self) -> PictureOptions:
         """
@@ -128,15 +128,16 @@ class StreamingHandler(SiteHandler):
 
         :raises RequestError: no frame has arrived.
         """
-        state = await self.site.hub.refresh()
-        if stream.feed.newest and state.feeds.get(stream.key, NO_STATE).is_latched:
-            return stream.feed.newest
-        frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
+        feed = stream.feed
+        await self.site.hub.refresh()
+        if feed.newest and feed.is_latched:
+            return feed.newest
+        frame = await stream.next_frame(feed.frames, _FRAME_SECONDS)
         if frame:
             return frame
-        state = await self.site.hub.refresh()
-        reason = state.feeds.get(stream.key, NO_STATE).reason or stream.error
-        raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
+        await self.site.hub.refresh()
+        raise RequestError(feed.reason or stream.error or f'no frame on {stream.name} within '
+                           f'{_FRAME_SECONDS:g} s', 503)
 
 
 class SnapshotHandler(StreamingHandler):
