@@ -25,6 +25,8 @@ from opencv_tools.topics.rate_meter import RateMeter
 
 #: Time after the last user until a subscription ends, for a reload of the page.
 UNUSED_SECONDS = 2.0
+#: Part of the time, 1 / 4, that the untrusted messages of a source may take.
+LOAD = 4
 # Seconds and periods without a message after which a source is silent.
 _QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
 

@@ -114,11 +114,8 @@ def _rounded(values: Any, digits: int) -> list[float | None]:
     return [_number(value, digits) for value in values]
 
 
-class CalibrationPage(Protocol):
-    """A page that shows the calibration."""
-
-    def show(self, message: dict[str, Any]) -> None:
-        """Show a part of the state; a later one of the same kind replaces it."""
+#: Shows a part of the state on a page; a later one of the same kind replaces it.
+Show = Callable[[dict[str, Any]], object]
 
 
 class CameraNode(Protocol):
@@ -135,7 +132,7 @@ class CameraNode(Protocol):
         """Set the calibration before the first ``save``; return what was done, in words."""
 
 
-class LiveCalibration(Watched[CalibrationPage]):
+class LiveCalibration(Watched[Show]):
     """
     A session, its searches, and the pages that show it.
 
@@ -266,8 +263,8 @@ class LiveCalibration(Watched[CalibrationPage]):
             self._show(self.state())
 
     def _show(self, message: dict[str, Any]) -> None:
-        for page in tuple(self.watchers):
-            page.show(message)
+        for show in tuple(self.watchers):
+            show(message)
 
 
 # What each word of a page does, given its value.

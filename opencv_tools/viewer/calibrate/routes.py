@@ -89,12 +89,12 @@ class CalibrationSocket(SocketHandler):
         try:
             self.site.hub.add_connection(self)
             name = topic_of(self.get_query_argument('topic', None))
-            live = await self._calibrations.join(name, self)
+            live = await self._calibrations.join(name, self.show)
         except RequestError as err:
             self.try_again(err)
             return
         if self.ws_connection is None:  # the page was closed meanwhile
-            live.leave(self)
+            live.leave(self.show)
             return
         self._live = live
         self.show({'hello': {'host': socket.gethostname(), 'topic': name, 'models': [*MODELS],
@@ -105,7 +105,7 @@ class CalibrationSocket(SocketHandler):
         """Leave the session."""
         super().on_close()
         if self._live:
-            self._live.leave(self)
+            self._live.leave(self.show)
             self._live = None
 
     async def on_message(self, message: str | bytes) -> None:

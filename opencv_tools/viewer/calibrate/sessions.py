@@ -29,7 +29,7 @@ from opencv_tools.base.text import enumerated, printable
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.viewer.calibrate.camera_info import (
     camera_info_of, check_raw, info_topic, set_camera_info)
-from opencv_tools.viewer.calibrate.live import CalibrationPage, LiveCalibration
+from opencv_tools.viewer.calibrate.live import LiveCalibration, Show
 from opencv_tools.viewer.calibrate.session import Result
 from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import NoAnswerError, RequestError
@@ -225,7 +225,7 @@ class Calibrations:
             raise RequestError('there is no calibration of this topic: open its page', 404)
         return self._sessions[name]
 
-    async def join(self, name: str, page: CalibrationPage) -> LiveCalibration:
+    async def join(self, name: str, show: Show) -> LiveCalibration:
         """
         Add a page to the session of a topic.
 
@@ -243,7 +243,7 @@ class Calibrations:
             raise RequestError(f'{_MAX_SESSIONS} calibrations are open already: close their '
                                'pages, and wait half a minute', 503)
         live = self._sessions[name]
-        live.join(page)
+        live.join(show)
         return live
 
     def _end(self, live: LiveCalibration) -> None:

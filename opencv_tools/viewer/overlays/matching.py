@@ -130,7 +130,8 @@ class MatchedFrames:
         :param matched: called with a frame when its boxes, or other boxes, have arrived.
         :param expired: called when frames are shown without boxes again.
         """
-        self._source = source
+        #: Messages with boxes.
+        self.source = source
         #: Boxes of the frames.
         self.boxes = FrameBoxes(source, matched)
         self._on_expiry = expired
@@ -139,9 +140,11 @@ class MatchedFrames:
         self._task: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._clear()
+        source.join(self.look)
 
     def close(self) -> None:
         """Match nothing any more."""
+        self.source.leave(self.look)
         self.boxes.close()
         for work in (self._task, self._timer):
             if work:
@@ -171,7 +174,7 @@ class MatchedFrames:
 
     def describe(self, number: int) -> str:
         """Return what is drawn over a picture, or why nothing is."""
-        topic, source = printable(self._source.key[0]), self._source
+        topic, source = printable(self.source.key[0]), self.source
         if source.refusal or source.problem:
             return source.refusal or f'a message of {topic} is left out: {source.problem}'
         drawn = self.boxes.known(number)
@@ -223,7 +226,7 @@ class MatchedFrames:
         while found := self._next():
             frame, detections = found
             feed = self._feed
-            await self._source.read(detections)
+            await self.source.read(detections)
             if feed is self._feed and detections.boxes is not None:
                 self._matched = frame
                 self._meter.add()

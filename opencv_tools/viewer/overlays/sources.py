@@ -29,11 +29,10 @@ from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.overlays.boxes import (
     Boxes, BoxHeader, DETECTIONS, MAX_BYTES, read_boxes, read_header)
 from opencv_tools.viewer.overlays.topics import CALIBRATION, OverlayKey, OverlayTopics
-from opencv_tools.viewer.watched import in_loop, Watched
+from opencv_tools.viewer.watched import in_loop, LOAD, Watched
 
 # Messages that are kept for pictures of the same stamps, and their bytes.
 _MAX_KEPT, _MAX_KEPT_BYTES = 512, 2 * MAX_BYTES
-_LOAD = 4  # part of the time, 1 / 4, that the messages of a topic may take
 _MAX_PAUSE = 1.0
 
 
@@ -134,7 +133,7 @@ class BoxSource(Source):
                 self.problem = printable(err, MAX_MESSAGE)
             detections.is_read = True
             elapsed = loop.time() - begin
-            self._due = begin + elapsed + min(_MAX_PAUSE, (_LOAD - 1) * elapsed)
+            self._due = begin + elapsed + min(_MAX_PAUSE, (LOAD - 1) * elapsed)
 
     def _keep(self, message: memoryview) -> None:
         found = Detections(read_header(message), message)
@@ -168,7 +167,7 @@ class OverlaySources:
         self._sources: dict[OverlayKey, Source] = {}
 
     def boxes(self, name: str) -> BoxSource:
-        """Return the source of a topic with boxes; the caller joins it."""
+        """Return the source of a topic with boxes; the caller uses it."""
         return self._acquire(BoxSource, (name, DETECTIONS))
 
     def camera(self, image_topic: str) -> CameraInfoSource:

@@ -35,7 +35,7 @@ from opencv_tools.viewer.robot.joints import joint_position, LiveJoint
 from opencv_tools.viewer.robot.reader import LiveRobot, read_description
 from opencv_tools.viewer.robot.topics import (
     DESCRIPTION, Inbox, missing_publishers, MOTION, RobotTopics, STATES, TRANSFORMS)
-from opencv_tools.viewer.watched import in_loop, quiet_limit, Watched
+from opencv_tools.viewer.watched import in_loop, LOAD, quiet_limit, Watched
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -207,7 +207,6 @@ class Descriptions:
 
 
 _PERIOD = 1 / 30  # between two looks at the messages in seconds
-_LOAD = 4  # part of the time, 1 / 4, that untrusted messages may take
 
 
 class RobotPage(Protocol):
@@ -295,7 +294,7 @@ class LiveRobots(Watched[RobotPage]):
             for page in self.watchers:
                 page.move(changed)
         self.descriptions.read(inbox, self._hub.state.robot.topics[0])
-        self._due = begin + max(_PERIOD, _LOAD * (self._loop.time() - begin))
+        self._due = begin + max(_PERIOD, LOAD * (self._loop.time() - begin))
 
     def _show(self, is_new: bool = False) -> None:
         """Show the state, after a change of the robot as well."""

@@ -46,7 +46,6 @@ class Match:
         self.matched: list[int] = []
         self.expired = 0
         self.frames = MatchedFrames(self.source, self._add, self._expire)
-        self.source.watchers.add(self.frames.look)
 
     async def _add(self, frame: NewFrame) -> None:
         self.matched.append(frame.stamp_ns)
