@@ -93,31 +93,12 @@ class ViewTopic:
 
 
 @dataclass(frozen=True)
-class FeedState:
-    """
-    State of a subscription.
-
-    :param reason: reason why no frame arrives; '' while frames arrive.
-    :param is_latched: whether the publishers keep their last frame for new subscriptions.
-    """
-
-    reason: str
-    lost: int
-    is_latched: bool
-
-
-#: State of a subscription that has not begun yet.
-NO_STATE = FeedState('', 0, False)
-
-
-@dataclass(frozen=True)
 class GraphState:
     """
-    Topics and subscriptions at one moment.
+    Topics and nodes at one moment.
 
     :param topics: topics by name, in alphabetical order.
     :param more: number of image topics that are not among them.
-    :param feeds: states of the subscriptions by topic and transport.
     :param nodes: names of the ``cameras`` and ``recorders`` that can be controlled; empty without
         control.
     :param detections: names of the topics with boxes.
@@ -126,7 +107,6 @@ class GraphState:
 
     topics: dict[str, ViewTopic] = field(default_factory=dict)
     more: int = 0
-    feeds: dict[FeedKey, FeedState] = field(default_factory=dict)
     nodes: dict[str, list[str]] = field(default_factory=dict)
     robot: RobotState = field(default_factory=RobotState)
     detections: list[str] = field(default_factory=list)
@@ -210,20 +190,19 @@ class Graph:
         self.overlays.close_all()
 
     def state(self) -> GraphState:
-        """Return the topics and the states of the subscriptions."""
+        """Return the topics and nodes, and set the states of the feeds."""
         topics, more = self._topics()
-        for (name, _), (feed, _) in self._open.items():
+        for (name, _), (feed, subscription) in self._open.items():
             feed.restarts.check(topics[name].senders)
-        feeds = {key: FeedState(self._reason(topics[key[0]], feed, subscription),
-                                subscription.account.lost, subscription.is_latched)
-                 for key, (feed, subscription) in self._open.items()}
+            feed.reason = self._reason(topics[name], feed, subscription)
+            feed.lost, feed.is_latched = subscription.account.lost, subscription.is_latched
         nodes = (self.control.nodes(node for topic in topics.values() for node in topic.nodes)
                  if self.control else {})
         recorder = self.control and self.control.recorder
         recording = recorder.state({
             topic.number: Topic(name, topic.transport(self._transport))
             for name, topic in topics.items()}) if recorder else None
-        return GraphState(topics, more, feeds, nodes, self.robot.state(),
+        return GraphState(topics, more, nodes, self.robot.state(),
                           self.overlays.names(DETECTIONS), recording)
 
     def _topics(self) -> tuple[dict[str, ViewTopic], int]:

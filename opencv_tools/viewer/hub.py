@@ -28,16 +28,15 @@ from opencv_tools.base.logs import Log
 from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
-from opencv_tools.viewer.graph import Graph, GraphState, NO_STATE, open_again, ViewTopic
+from opencv_tools.viewer.graph import Graph, GraphState, open_again, ViewTopic
 from opencv_tools.viewer.inspect.history import History
-from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.parameters import ViewerSettings
-from opencv_tools.viewer.protocol import finite, ViewRequest
-from opencv_tools.viewer.streams.encoded_video import video_source
+from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams.feed import Feed, FeedKey
 from opencv_tools.viewer.streams.packets import PacketFeed, PACKETS
-from opencv_tools.viewer.streams.stream import Stream, UNUSED_SECONDS
-from opencv_tools.viewer.streams.video_source import PacketSource
+from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.streams.video_channel import PacketSource, video_source
+from opencv_tools.viewer.watched import in_loop
 
 _T = TypeVar('_T')
 _POLL_SECONDS = 1.0
@@ -75,19 +74,20 @@ class Hub:
         """
         self.settings = settings
         self.viewers: set[Viewer] = set()
+        #: Viewers that are not pages of topics.
+        self.connections: set[object] = set()
+        #: Functions that are called once a second.
+        self.watchers: set[Callable[[], object]] = set()
         self.state = GraphState()
         self.history = History(settings.history_bytes)
-        self.steps = partial(Steps, self.history)
         self._graph = graph
         self._calls = calls
         self._pool = pool
         self._log = log
         self._loop = asyncio.get_running_loop()
-        self._connections = 0
         self._streams: dict[FeedKey, Stream] = {}
         # Sources of the streams that pages get as video, for slow links or not.
         self._videos: dict[tuple[FeedKey, bool], PacketSource] = {}
-        self._users: dict[FeedKey, int] = {}
         self._pending: asyncio.Future[GraphState] | None = None
         self._poll: asyncio.Task[None] | None = None
 
@@ -99,22 +99,27 @@ class Hub:
 
         :raises RequestError: there are too many.
         """
-        if (count := len(self.viewers) + self._connections) >= self.settings.viewers:
+        if (count := len(self.viewers) + len(self.connections)) >= self.settings.viewers:
             raise RequestError(f'{count} pages look already: close one, or raise the parameter '
                                'viewers', 503)
 
-    def add_connection(self) -> None:
-        """Count a viewer that is not a page."""
-        self.check_room()
-        self._connections += 1
+    def add_connection(self, viewer: object) -> None:
+        """
+        Count a viewer that is not a page of topics.
 
-    def remove_connection(self) -> None:
-        """Count the end of a viewer that is not a page."""
-        self._connections -= 1
+        :raises RequestError: there are too many.
+        """
+        self.check_room()
+        self.connections.add(viewer)
 
     def add_viewer(self, viewer: Viewer) -> None:
         """Send the state to a page from now on."""
         self.viewers.add(viewer)
+        self.watch()
+
+    def watch(self, *watchers: Callable[[], object]) -> None:
+        """Read the state once a second from now on, and call functions then."""
+        self.watchers.update(watchers)
         if self._poll is None or self._poll.done():
             self._poll = asyncio.ensure_future(self._update_viewers())
 
@@ -130,10 +135,10 @@ class Hub:
 
     # Streams
 
-    async def acquire(self, name: str, original: bool = False, video: bool = False,
-                      slow: bool = False) -> Stream:
+    async def stream(self, name: str, original: bool = False, video: bool = False,
+                     slow: bool = False) -> Stream:
         """
-        Return the stream of a topic; the caller releases it.
+        Return the stream of a topic, which ends in two seconds unless somebody uses it.
 
         :param original: whether raw images are preferred to other ones.
         :param video: whether the method ``video`` has a source, if the parameters allow it.
@@ -149,24 +154,20 @@ class Hub:
                 topic.number, key, self._loop, self._pool, self._log,
                 PacketFeed if transport == PACKETS and not slow else Feed)
             stream.feed.keep = partial(self.history.add, key)
+            stream.on_unused = partial(self._close, stream)
             self._calls.call(partial(self._graph.open, key, stream.feed), stream.feed.opened)
         if video and (key, slow) not in self._videos and (
                 transport == PACKETS or self.settings.video == 'always'):
             again = partial(open_again, self._graph, key, stream.feed)
             self._videos[key, slow] = video_source(stream, self.settings.rate, partial(
                 self._calls.call, again, stream.feed.opened), slow)
-        self._users[key] = self._users.get(key, 0) + 1
+        stream.acquire()
+        stream.release()
         return stream
 
     def video(self, stream: Stream, slow: bool) -> PacketSource | None:
         """Return the source of the video of a stream; None if pages get JPEGs."""
         return self._videos.get((stream.key, slow))
-
-    def release(self, stream: Stream) -> None:
-        """Unsubscribe two seconds after the last user of a stream."""
-        self._users[stream.key] -= 1
-        if not self._users[stream.key]:
-            self._loop.call_later(UNUSED_SECONDS, self._close_unused, stream)
 
     def options(self, requested: ViewRequest) -> ViewRequest:
         """Return what a viewer requests, within the parameters of the node."""
@@ -186,8 +187,8 @@ class Hub:
         :raises RequestError: the executor is busy, or the state cannot be read.
         """
         if self._pending is None:
-            self._pending = self._loop.create_future()
-            self._calls.call(self._graph.state, partial(self._in_loop, self._set_state))
+            self._pending = _ask(partial(self._calls.call, self._graph.state))
+            self._pending.add_done_callback(self._set_state)
         return await _answer(self._pending)
 
     async def control(
@@ -201,29 +202,17 @@ class Hub:
         """
         if (control := self._graph.control) is None:
             raise RequestError('control is off: start the node with control:=true', 403)
-        answered: asyncio.Future[dict[str, Any]] = self._loop.create_future()
-        self._calls.start(choose(control), partial(self._in_loop, _set_result, answered))
-        return await answered
-
-    def lists(self) -> dict[str, Any]:
-        """Return the topics, and the nodes that can be controlled, by the name of the message."""
-        return self.state.lists()
-
-    def status(self, stream: Stream) -> dict[str, Any]:
-        """Return the state of a stream of the protocol."""
-        known = self.state.feeds.get(stream.key, NO_STATE)
-        limits = stream.last_picture and stream.last_picture.limits
-        return {**stream.status(), 'lost': known.lost, 'reason': known.reason or stream.error,
-                'range': limits and [finite(limit) for limit in limits]}
+        answer: dict[str, Any] = await _ask(partial(self._calls.start, choose(control)))
+        return answer
 
     def full_json(self) -> list[dict[str, Any]]:
         """Return the list of topics with the state of those that somebody looks at."""
-        topics: list[dict[str, Any]] = self.lists()['topics']
+        topics: list[dict[str, Any]] = self.state.lists()['topics']
         for topic in topics:
             for transport in (self.settings.transport, PACKETS):
                 if stream := self._streams.get((topic['name'], transport)):
-                    topic |= {'status': self.status(stream), 'viewers': self._users[stream.key]
-                              + topic.get('viewers', 0)}
+                    topic |= {'status': stream.status(),
+                              'viewers': stream.users + topic.get('viewers', 0)}
         return topics
 
     async def _find(self, name: str) -> ViewTopic:
@@ -232,47 +221,48 @@ class Hub:
             await self.refresh()
         topic = self.state.topics.get(name)
         if topic is None and self.state.more:
-            found: asyncio.Future[ViewTopic | None] = self._loop.create_future()
-            self._calls.call(
-                partial(self._graph.find, name), partial(self._in_loop, _set_result, found))
-            topic = await _answer(found)
+            topic = await _answer(_ask(partial(self._calls.call, partial(self._graph.find, name))))
         if topic is None:
             raise RequestError(self.state.describe_unknown(name), 404)
         return topic
 
-    def _in_loop(self, call: Callable[..., object], *args: object) -> None:
-        """Call a function in the loop, from the executor."""
-        with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(call, *args)
-
-    def _set_state(self, state: GraphState | RequestError) -> None:
-        if isinstance(state, GraphState):
-            self.state = state
-        if self._pending:
-            _set_result(self._pending, state)
+    def _set_state(self, read: asyncio.Future[GraphState]) -> None:
         self._pending = None
+        if not read.exception():
+            self.state = read.result()
 
-    def _close_unused(self, stream: Stream) -> None:
-        key = stream.key
-        if self._streams.get(key) is stream and not self._users[key]:
-            del self._streams[key], self._users[key]
-            for slow in (False, True):
-                self._videos.pop((key, slow), None)
-            self._calls.call(lambda: self._graph.close(key, stream.feed))
+    def _close(self, stream: Stream) -> None:
+        del self._streams[stream.key]
+        for slow in (False, True):
+            self._videos.pop((stream.key, slow), None)
+        self._calls.call(partial(self._graph.close, stream.key, stream.feed))
 
     async def _update_viewers(self) -> None:
-        """Send the state to all pages once a second, while there are any."""
-        before = self.lists()
-        while self.viewers:
+        """Send the state to all pages once a second, while somebody wants it."""
+        before = self.state.lists()
+        while self.viewers or self.watchers:
             with suppress(RequestError):
                 await self.refresh()
             # Others refresh the state as well, so it is compared with what pages have got.
-            lists = self.lists()
+            lists = self.state.lists()
             changed = {name: value for name, value in lists.items() if value != before.get(name)}
             before = lists
             for viewer in tuple(self.viewers):
                 viewer.update(changed)
+            for watcher in tuple(self.watchers):
+                watcher()
             await asyncio.sleep(_POLL_SECONDS)
+
+
+def _ask(request: Callable[[Callable[[Any], object]], object]) -> asyncio.Future[Any]:
+    """
+    Return the answer of the executor to a request.
+
+    :param request: function that gets what the executor calls with the result, or the refusal.
+    """
+    answered: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+    request(in_loop(partial(_set_result, answered)))
+    return answered
 
 
 async def _answer(future: asyncio.Future[_T]) -> _T:

@@ -32,6 +32,7 @@ from opencv_tools.viewer.calibrate.session import Result, Session, Sighting
 from opencv_tools.viewer.calibrate.solver import check_model, Solver
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.watched import Watched
 
 _LENS = ('fx', 'fy', 'cx', 'cy')
 
@@ -113,11 +114,8 @@ def _rounded(values: Any, digits: int) -> list[float | None]:
     return [_number(value, digits) for value in values]
 
 
-class CalibrationPage(Protocol):
-    """A page that shows the calibration."""
-
-    def show(self, message: dict[str, Any]) -> None:
-        """Show a part of the state; a later one of the same kind replaces it."""
+#: Shows a part of the state on a page; a later one of the same kind replaces it.
+Show = Callable[[dict[str, Any]], object]
 
 
 class CameraNode(Protocol):
@@ -134,12 +132,14 @@ class CameraNode(Protocol):
         """Set the calibration before the first ``save``; return what was done, in words."""
 
 
-class LiveCalibration:
+class LiveCalibration(Watched[Show]):
     """
     A session, its searches, and the pages that show it.
 
     All methods run in the loop of the server.
     """
+
+    unused_seconds = 30.0
 
     def __init__(self, stream: Stream, searcher: Executor, camera: CameraNode, log: Log) -> None:
         """
@@ -147,9 +147,10 @@ class LiveCalibration:
 
         :param searcher: the thread that searches.
         """
+        super().__init__()
+        stream.acquire()
         self.stream = stream
         self.session = Session()
-        self.pages: set[CalibrationPage] = set()
         self._camera = camera
         self._log = log
         self._solver = Solver()
@@ -158,10 +159,11 @@ class LiveCalibration:
         self._busy = ''
         self._shown: tuple[object, ...] = ()
         self._search = BoardSearch(
-            stream, self.session, searcher, lambda: bool(self.pages), self._show_seen)
+            stream, self.session, searcher, lambda: bool(self.watchers), self._show_seen)
 
     def close(self) -> None:
         """End the searches and the solution."""
+        self.stream.release()
         self._search.close()
         if self._work:
             self._work.cancel()
@@ -261,8 +263,8 @@ class LiveCalibration:
             self._show(self.state())
 
     def _show(self, message: dict[str, Any]) -> None:
-        for page in tuple(self.pages):
-            page.show(message)
+        for show in tuple(self.watchers):
+            show(message)
 
 
 # What each word of a page does, given its value.

@@ -17,8 +17,6 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
-import json
 from pathlib import Path
 import re
 import socket
@@ -37,10 +35,9 @@ from opencv_tools.viewer.calibrate.live import LiveCalibration
 from opencv_tools.viewer.calibrate.session import MAX_BOARD
 from opencv_tools.viewer.calibrate.sessions import Calibrations
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.protocol import base_name, parse_message, pong, topic_of
+from opencv_tools.viewer.protocol import base_name, topic_of
 from opencv_tools.viewer.web.page_files import CALIBRATE
-from opencv_tools.viewer.web.web import IndexHandler, Refusal, Site, SiteHandler, SocketHandler
-from tornado.websocket import WebSocketClosedError
+from opencv_tools.viewer.web.web import IndexHandler, Site, SiteHandler, SocketHandler
 
 _PER_SECOND, _MOST = 10.0, 100.0  # messages of a page
 
@@ -90,14 +87,14 @@ class CalibrationSocket(SocketHandler):
         """Join the session of the topic, and send its state."""
         self.set_nodelay(True)
         try:
-            self.count()
+            self.site.hub.add_connection(self)
             name = topic_of(self.get_query_argument('topic', None))
-            live = await self._calibrations.join(name, self)
+            live = await self._calibrations.join(name, self.show)
         except RequestError as err:
             self.try_again(err)
             return
         if self.ws_connection is None:  # the page was closed meanwhile
-            self._calibrations.leave(live, self)
+            live.leave(self.show)
             return
         self._live = live
         self.show({'hello': {'host': socket.gethostname(), 'topic': name, 'models': [*MODELS],
@@ -108,26 +105,25 @@ class CalibrationSocket(SocketHandler):
         """Leave the session."""
         super().on_close()
         if self._live:
-            self._calibrations.leave(self._live, self)
+            self._live.leave(self.show)
             self._live = None
 
-    def on_message(self, message: str | bytes) -> None:
-        """Do what the page wants, or send why it is not possible."""
+    async def on_message(self, message: str | bytes) -> None:
+        """Answer a message, unless the page sends too many."""
+        if self._budget.spend(time.monotonic()):
+            await super().on_message(message)
+        else:
+            await self.refuse(RequestError('the page sends too many messages: wait a second'))
+
+    async def answer(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
+        """Do what the page wants; return why it is not possible."""
+        if self._live is None:
+            raise RequestError('the session has not begun: wait for its state')
         try:
-            if not self._budget.spend(time.monotonic()):
-                raise RequestError('the page sends too many messages: wait a second')
-            wanted = parse_message(message)
-            if 'ping' in wanted:
-                self.show(pong(wanted['ping']))
-            elif self._live is None:
-                raise RequestError('the session has not begun: wait for its state')
-            else:
-                self._live.act(wanted)
+            self._live.act(wanted)
         except CalibrationError as err:
-            self.show({'error': str(err)})
-        except RequestError as err:
-            self.show({'error': str(err)})
-            self.add_bad_message()
+            return {'error': str(err)}
+        return None
 
     def show(self, message: dict[str, Any]) -> None:
         """Send a message; a later one of the same kind replaces it if the page is slow."""
@@ -138,20 +134,19 @@ class CalibrationSocket(SocketHandler):
             self._writing = asyncio.ensure_future(self._write())
 
     async def _write(self) -> None:
-        with suppress(WebSocketClosedError):  # on_close follows
-            while self._unsent:
-                await self.write_message(json.dumps(self._unsent.pop(next(iter(self._unsent)))))
+        while self._unsent:
+            await self.send_json(self._unsent.pop(next(iter(self._unsent))))
 
 
 def check_control(site: Site) -> None:
     """
     Check that the node was started with control.
 
-    :raises Refusal: it was not.
+    :raises RequestError: it was not.
     """
     if not site.hub.settings.control:
-        raise Refusal(RequestError(
-            'calibration needs control: start the node with control:=true', 403))
+        raise RequestError(
+            'calibration needs control: start the node with control:=true', 403)
 
 
 _FORMATS = {'pdf': (board_pdf, 'application/pdf'), 'svg': (board_svg, 'image/svg+xml')}
@@ -202,10 +197,7 @@ class CalibrateHandler(IndexHandler):
         """Refuse all requests without control, and rectified images."""
         await super().prepare()
         check_control(self.site)
-        try:
-            check_raw(base_name(self.get_query_argument('topic', '')))
-        except RequestError as err:
-            raise Refusal(err) from err
+        check_raw(base_name(self.get_query_argument('topic', '')))
 
 
 class BoardHandler(SiteHandler):
@@ -216,10 +208,7 @@ class BoardHandler(SiteHandler):
         check_control(self.site)
         text = self.get_query_argument('board', '')
         kind = self.get_query_argument('format', 'pdf')
-        try:
-            content, content_type = await asyncio.to_thread(board_file, text, kind)
-        except RequestError as err:
-            raise Refusal(err) from err
+        content, content_type = await asyncio.to_thread(board_file, text, kind)
         self.set_header('Content-Type', content_type)
         self.set_header('Content-Disposition', f'attachment; filename="board.{kind}"')
         await self.finish(content)
@@ -231,15 +220,11 @@ class CalibrationFileHandler(SiteHandler):
     async def get(self) -> None:
         """Write the file."""
         check_control(self.site)
-        try:
-            topic = topic_of(self.get_query_argument('topic', None))
-            calibrations: Calibrations = self.settings['calibrations']
-            result = calibrations.find(topic).session.result
-            if result is None or self.get_query_argument('result', '') != str(result.number):
-                raise RequestError('there is no such result: solve first, or look at the new one',
-                                   404)
-        except RequestError as err:
-            raise Refusal(err) from err
+        topic = topic_of(self.get_query_argument('topic', None))
+        calibrations: Calibrations = self.settings['calibrations']
+        result = calibrations.find(topic).session.result
+        if result is None or self.get_query_argument('result', '') != str(result.number):
+            raise RequestError('there is no such result: solve first, or look at the new one', 404)
         name = re.sub('[^A-Za-z0-9_]+', '_', topic.rpartition('/')[0].strip('/'))[:64] or 'camera'
         self.set_header('Content-Type', 'application/yaml')
         self.set_header('Content-Disposition', f'attachment; filename="{name}.yaml"')

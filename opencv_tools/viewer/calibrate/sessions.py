@@ -16,10 +16,10 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 import time
 from typing import Any
 
@@ -29,7 +29,7 @@ from opencv_tools.base.text import enumerated, printable
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.viewer.calibrate.camera_info import (
     camera_info_of, check_raw, info_topic, set_camera_info)
-from opencv_tools.viewer.calibrate.live import CalibrationPage, LiveCalibration
+from opencv_tools.viewer.calibrate.live import LiveCalibration, Show
 from opencv_tools.viewer.calibrate.session import Result
 from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import NoAnswerError, RequestError
@@ -138,8 +138,6 @@ def _problem(info: CameraInfo) -> str:
 
 
 _MAX_SESSIONS = 4
-# Time after the last page until a session ends, for a reload of the page.
-_UNUSED_SECONDS = 30.0
 
 
 class NodeCamera:
@@ -208,7 +206,6 @@ class Calibrations:
     def __init__(self, hub: Hub, log: Log) -> None:
         self._hub = hub
         self._log = log
-        self._loop = asyncio.get_running_loop()
         self._searcher = ThreadPoolExecutor(1, 'searcher')
         self._sessions: dict[str, LiveCalibration] = {}
 
@@ -228,7 +225,7 @@ class Calibrations:
             raise RequestError('there is no calibration of this topic: open its page', 404)
         return self._sessions[name]
 
-    async def join(self, name: str, page: CalibrationPage) -> LiveCalibration:
+    async def join(self, name: str, show: Show) -> LiveCalibration:
         """
         Add a page to the session of a topic.
 
@@ -237,30 +234,18 @@ class Calibrations:
         """
         check_raw(name)
         if name not in self._sessions:
-            stream = await self._hub.acquire(name, original=True)
-            if name in self._sessions or len(self._sessions) >= _MAX_SESSIONS:
-                self._hub.release(stream)
-            else:
-                self._sessions[name] = LiveCalibration(
+            stream = await self._hub.stream(name, original=True)
+            if name not in self._sessions and len(self._sessions) < _MAX_SESSIONS:
+                live = self._sessions[name] = LiveCalibration(
                     stream, self._searcher, NodeCamera(self._hub, name), self._log)
+                live.on_unused = partial(self._end, live)
         if name not in self._sessions:
             raise RequestError(f'{_MAX_SESSIONS} calibrations are open already: close their '
                                'pages, and wait half a minute', 503)
         live = self._sessions[name]
-        live.pages.add(page)
+        live.join(show)
         return live
-
-    def leave(self, live: LiveCalibration, page: CalibrationPage) -> None:
-        """Remove a page; the session ends half a minute after its last one."""
-        live.pages.discard(page)
-        if not live.pages:
-            self._loop.call_later(_UNUSED_SECONDS, self._end_unused, live)
-
-    def _end_unused(self, live: LiveCalibration) -> None:
-        if not live.pages and self._sessions.get(live.stream.name) is live:
-            self._end(live)
 
     def _end(self, live: LiveCalibration) -> None:
         del self._sessions[live.stream.name]
         live.close()
-        self._hub.release(live.stream)

@@ -28,7 +28,7 @@ import numpy as np
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.streams.feed import FeedKey, NewFrame
-from opencv_tools.viewer.streams.stream import UNUSED_SECONDS
+from opencv_tools.viewer.watched import UNUSED_SECONDS
 
 #: Time before the newest frame of a topic from which its frames are kept.
 KEPT_SECONDS = 10.0

@@ -54,7 +54,7 @@ class PictureFiles:
         values = {'topic': topic, 'format': 'original'}
         # Of live pictures that nobody looks into, and of video, no frame is kept.
         looks = isinstance(channel, Channel) and channel.options.looks
-        if isinstance(channel, Channel) and (frame := channel.frame_of(picture)):
+        if isinstance(channel, Channel) and (frame := channel.shown.of(picture)):
             values['picture'] = self._keep(channel.stream, frame)
         elif channel is None or looks:
             return {'file': {'topic': topic, 'error': describe_gone(channel)}}

@@ -24,6 +24,7 @@ from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.overlays.boxes import Boxes
 from opencv_tools.viewer.overlays.sources import BoxSource, Detections
 from opencv_tools.viewer.streams.feed import Feed, NewFrame
+from opencv_tools.viewer.watched import quiet_limit
 
 _MAX_READ = 8  # frames whose boxes are kept; a page may request one with another region
 
@@ -110,8 +111,7 @@ def has_same_camera(frame: NewFrame, found: Detections) -> bool:
 # Frames that wait for their boxes, and their bytes.
 _MAX_FRAMES, _MAX_FRAME_BYTES = 32, 64 << 20
 _PERIOD = 1 / 60  # between two matches in seconds
-# Seconds and periods without a match after which frames are shown without boxes.
-_QUIET_SECONDS, _QUIET_PERIODS, _MAX_QUIET_SECONDS = 1.0, 3, 3.0
+_MAX_QUIET_SECONDS = 3.0  # without a match, after which frames are shown without boxes
 
 
 class MatchedFrames:
@@ -130,7 +130,8 @@ class MatchedFrames:
         :param matched: called with a frame when its boxes, or other boxes, have arrived.
         :param expired: called when frames are shown without boxes again.
         """
-        self._source = source
+        #: Messages with boxes.
+        self.source = source
         #: Boxes of the frames.
         self.boxes = FrameBoxes(source, matched)
         self._on_expiry = expired
@@ -139,9 +140,11 @@ class MatchedFrames:
         self._task: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._clear()
+        source.join(self.look)
 
     def close(self) -> None:
         """Match nothing any more."""
+        self.source.leave(self.look)
         self.boxes.close()
         for work in (self._task, self._timer):
             if work:
@@ -171,7 +174,7 @@ class MatchedFrames:
 
     def describe(self, number: int) -> str:
         """Return what is drawn over a picture, or why nothing is."""
-        topic, source = printable(self._source.key[0]), self._source
+        topic, source = printable(self.source.key[0]), self.source
         if source.refusal or source.problem:
             return source.refusal or f'a message of {topic} is left out: {source.problem}'
         drawn = self.boxes.known(number)
@@ -206,8 +209,8 @@ class MatchedFrames:
     def _hold_seconds(self) -> float:
         """Return the time until frames without boxes are shown again."""
         quiet = self._meter.silent_seconds
-        return -1.0 if quiet is None else min(_MAX_QUIET_SECONDS, max(
-            _QUIET_SECONDS, _QUIET_PERIODS * self._meter.period)) - quiet
+        return -1.0 if quiet is None else min(
+            _MAX_QUIET_SECONDS, quiet_limit(self._meter)) - quiet
 
     def _next(self) -> tuple[NewFrame, Detections] | None:
         """Return the newest frame whose boxes have arrived and were not read."""
@@ -223,7 +226,7 @@ class MatchedFrames:
         while found := self._next():
             frame, detections = found
             feed = self._feed
-            await self._source.read(detections)
+            await self.source.read(detections)
             if feed is self._feed and detections.boxes is not None:
                 self._matched = frame
                 self._meter.add()

@@ -16,7 +16,6 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -26,7 +25,7 @@ from opencv_tools.image.errors import CdrError, ImageError
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.overlays.boxes import LARGEST
 from opencv_tools.viewer.overlays.matching import MatchedFrames
-from opencv_tools.viewer.overlays.sources import BoxSource, CameraInfoSource, OverlaySources
+from opencv_tools.viewer.overlays.sources import CameraInfoSource, OverlaySources
 from opencv_tools.viewer.protocol import topic_of
 from opencv_tools.viewer.streams.channel import Channel
 from opencv_tools.viewer.streams.feed import Feed, NewFrame
@@ -60,6 +59,11 @@ class CameraOverlay:
         self._post = post
         self._sent: tuple[object, ...] = ()
         self._problem = ''
+        source.join(self.look)
+
+    def close(self) -> None:
+        """Send nothing any more."""
+        self.source.leave(self.look)
 
     def look(self) -> None:
         """Send the overlay, unless the page has it."""
@@ -128,18 +132,6 @@ _MAX_NAME = 256
 _Message = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """
-    Boxes over the pictures of a topic.
-
-    :param source: messages with boxes.
-    """
-
-    source: BoxSource
-    frames: MatchedFrames
-
-
 class PageOverlays:
     """
     Match boxes and calibrations with the pictures of a page, and send them.
@@ -164,7 +156,7 @@ class PageOverlays:
         self._post = post
         # Numbers of the frame and of the picture that were sent last, by topic.
         self._sent: dict[str, tuple[int, int]] = {}
-        self._boxes: dict[str, _Drawn] = {}
+        self._boxes: dict[str, MatchedFrames] = {}
         self._cameras: dict[str, CameraOverlay] = {}
 
     def ask(self, message: _Message) -> bool:
@@ -203,13 +195,13 @@ class PageOverlays:
 
     def newest(self, topic: str, feed: Feed) -> NewFrame | None:
         """Return the frame of a feed that is sent next; None before the first one."""
-        return self._boxes[topic].frames.choose(feed) if topic in self._boxes else feed.newest
+        return self._boxes[topic].choose(feed) if topic in self._boxes else feed.newest
 
     def send(self, topic: str, frame: NewFrame, sequence: int) -> int:
         """Send the boxes of a picture, which follows, and return its sequence number."""
         self._sent[topic] = frame.number, sequence
         drawn = self._boxes.get(topic)
-        boxes = drawn.frames.boxes.of(frame) if drawn else None
+        boxes = drawn.boxes.of(frame) if drawn else None
         if boxes is not None:
             self._post(_message(topic, sequence, boxes.as_json()))
         return sequence
@@ -220,9 +212,9 @@ class PageOverlays:
         drawn, camera = self._boxes.get(topic), self._cameras.get(topic)
         channel = self._channel_of(topic)
         if drawn:
-            drawn.frames.boxes.hold(isinstance(channel, Channel) and channel.options.held)
+            drawn.boxes.hold(isinstance(channel, Channel) and channel.options.held)
             number, _ = self._sent.get(topic, (0, 0))
-            notes.append(drawn.frames.describe(number) if isinstance(channel, Channel)
+            notes.append(drawn.describe(number) if isinstance(channel, Channel)
                          else drawn.source.refusal or 'boxes need pictures, and this is video')
             self._sources.open(drawn.source)  # it may have ended, or come again
         if camera:
@@ -238,28 +230,22 @@ class PageOverlays:
             return
         if drawn:
             del self._boxes[topic]
-            drawn.frames.close()
-            self._sources.release(drawn.source, drawn.frames.look)
+            drawn.close()
         if name:
-            source = self._sources.boxes(name)
-            frames = MatchedFrames(source, partial(self._matched, topic),
-                                   partial(self._show_again, topic))
-            source.watchers.add(frames.look)
-            self._boxes[topic] = _Drawn(source, frames)
+            self._boxes[topic] = MatchedFrames(
+                self._sources.boxes(name), partial(self._matched, topic),
+                partial(self._show_again, topic))
         self._show_again(topic)
 
     def _set_camera(self, topic: str, has_camera: bool) -> None:
         if has_camera == (topic in self._cameras):
             return
         if not has_camera:
-            overlay = self._cameras.pop(topic)
-            self._sources.release(overlay.source, overlay.look)
+            self._cameras.pop(topic).close()
             return
-        overlay = CameraOverlay(
+        self._cameras[topic] = CameraOverlay(
             self._sources.camera(topic), topic, partial(self._size, topic), self._post)
-        overlay.source.watchers.add(overlay.look)
-        self._cameras[topic] = overlay
-        overlay.look()
+        self._cameras[topic].look()
 
     def _size(self, topic: str) -> tuple[int, int] | None:
         """Return width and height of the images of a topic; None before the first one."""
@@ -277,7 +263,7 @@ class PageOverlays:
     async def _matched(self, topic: str, frame: NewFrame) -> None:
         """Send a frame whose boxes have arrived, or the boxes alone if the page has the frame."""
         drawn = self._boxes.get(topic)
-        boxes = drawn.frames.boxes.of(frame) if drawn else None
+        boxes = drawn.boxes.of(frame) if drawn else None
         number, sequence = self._sent.get(topic, (0, 0))
         if boxes is not None and number == frame.number:
             await self._write(_message(topic, sequence, boxes.as_json()))

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -30,16 +29,14 @@ from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.overlays.boxes import (
     Boxes, BoxHeader, DETECTIONS, MAX_BYTES, read_boxes, read_header)
 from opencv_tools.viewer.overlays.topics import CALIBRATION, OverlayKey, OverlayTopics
+from opencv_tools.viewer.watched import in_loop, LOAD, Watched
 
-# Time after the last page until the subscription ends, for a reload of the page.
-_UNUSED_SECONDS = 2.0
 # Messages that are kept for pictures of the same stamps, and their bytes.
 _MAX_KEPT, _MAX_KEPT_BYTES = 512, 2 * MAX_BYTES
-_LOAD = 4  # part of the time, 1 / 4, that the messages of a topic may take
 _MAX_PAUSE = 1.0
 
 
-class Source:
+class Source(Watched[Callable[[], object]]):
     """
     Messages of a topic.
 
@@ -47,13 +44,16 @@ class Source:
     """
 
     def __init__(self, key: OverlayKey) -> None:
+        super().__init__()
         self.key = key
-        #: Functions that are called after each message.
-        self.watchers: set[Callable[[], object]] = set()
         #: Reason why the topic is not read; '' if it is.
         self.refusal = ''
         #: Reason why the newest message cannot be used; '' if it can.
         self.problem = ''
+
+    def opened(self, outcome: RequestError | None) -> None:
+        """Use the outcome of a subscription."""
+        self.refusal = str(outcome or '')
 
     def receive(self, messages: Sequence[Any]) -> None:
         """Keep serialized messages."""
@@ -133,7 +133,7 @@ class BoxSource(Source):
                 self.problem = printable(err, MAX_MESSAGE)
             detections.is_read = True
             elapsed = loop.time() - begin
-            self._due = begin + elapsed + min(_MAX_PAUSE, (_LOAD - 1) * elapsed)
+            self._due = begin + elapsed + min(_MAX_PAUSE, (LOAD - 1) * elapsed)
 
     def _keep(self, message: memoryview) -> None:
         found = Detections(read_header(message), message)
@@ -164,44 +164,29 @@ class OverlaySources:
         """
         self._topics = topics
         self._calls = calls
-        self._loop = asyncio.get_running_loop()
         self._sources: dict[OverlayKey, Source] = {}
 
     def boxes(self, name: str) -> BoxSource:
-        """Return the source of a topic with boxes; the caller adds a watcher."""
+        """Return the source of a topic with boxes; the caller uses it."""
         return self._acquire(BoxSource, (name, DETECTIONS))
 
     def camera(self, image_topic: str) -> CameraInfoSource:
         """Return the source of the calibration of an image topic."""
         return self._acquire(CameraInfoSource, (info_topic(image_topic), CALIBRATION))
 
-    def release(self, source: Source, watcher: Callable[[], object]) -> None:
-        """Remove a watcher; unsubscribe two seconds after the last one."""
-        source.watchers.discard(watcher)
-        if not source.watchers:
-            self._loop.call_later(_UNUSED_SECONDS, self._close_unused, source)
-
     def open(self, source: Source) -> None:  # noqa: A003
         """Read a topic, or try it again after a refusal."""
-        def opened(outcome: RequestError | None) -> None:
-            self._in_loop(setattr, source, 'refusal', str(outcome or ''))
-
-        receive = partial(self._in_loop, source.receive)
-        self._calls.call(partial(self._topics.open, source.key, receive), opened)
+        self._calls.call(partial(self._topics.open, source.key, in_loop(source.receive)),
+                         in_loop(source.opened))
 
     def _acquire(self, kind: type[_T], key: OverlayKey) -> _T:
         source = self._sources.get(key)
         if not isinstance(source, kind):  # there is none, because the type of a key is fixed
             source = self._sources[key] = kind(key)
+            source.on_unused = partial(self._close, key)
             self.open(source)
         return source
 
-    def _close_unused(self, source: Source) -> None:
-        if not source.watchers and self._sources.get(source.key) is source:
-            del self._sources[source.key]
-            self._calls.call(partial(self._topics.close, source.key))
-
-    def _in_loop(self, call: Callable[..., object], *args: object) -> None:
-        """Call a function in the loop, from the executor."""
-        with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(call, *args)
+    def _close(self, key: OverlayKey) -> None:
+        del self._sources[key]
+        self._calls.call(partial(self._topics.close, key))

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import cache, partial
 import hashlib
 import math
@@ -36,7 +35,7 @@ from opencv_tools.viewer.robot.joints import joint_position, LiveJoint
 from opencv_tools.viewer.robot.reader import LiveRobot, read_description
 from opencv_tools.viewer.robot.topics import (
     DESCRIPTION, Inbox, missing_publishers, MOTION, RobotTopics, STATES, TRANSFORMS)
-from opencv_tools.viewer.streams.stream import UNUSED_SECONDS
+from opencv_tools.viewer.watched import in_loop, LOAD, quiet_limit, Watched
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -208,9 +207,6 @@ class Descriptions:
 
 
 _PERIOD = 1 / 30  # between two looks at the messages in seconds
-_LOAD = 4  # part of the time, 1 / 4, that untrusted messages may take
-_STATE_SECONDS = 1.0
-_QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
 
 
 class RobotPage(Protocol):
@@ -223,7 +219,7 @@ class RobotPage(Protocol):
         """Send positions of joints; later ones replace those of the same joint."""
 
 
-class LiveRobots:
+class LiveRobots(Watched[RobotPage]):
     """
     Subscribe while pages look, and read what arrives.
 
@@ -236,58 +232,44 @@ class LiveRobots:
 
         :param topics: topics of the robot, used in the executor.
         """
+        super().__init__()
         self._hub = hub
         self._topics = topics
         self._calls = calls
         self._loop = asyncio.get_running_loop()
         self.descriptions = Descriptions(self._show)
         self.positions = Positions()
-        self._pages: set[RobotPage] = set()
         self._inbox: Inbox | None = None
         self._meter = RateMeter()
-        self._polling: asyncio.Task[None] | None = None
         self._timer: asyncio.TimerHandle | None = None
-        self._closing: asyncio.TimerHandle | None = None
+        self.on_unused = self._close_topics
         self._due = 0.0
 
     def close(self) -> None:
         """End all work."""
         self.descriptions.close()
-        if self._polling:
-            self._polling.cancel()
 
     def join(self, page: RobotPage) -> None:
         """Send the robot to a page from now on."""
-        self._pages.add(page)
+        super().join(page)
         page.show(self._state())
         if self._inbox is None:
             self._meter = RateMeter()
-            self._inbox = Inbox(partial(self._in_loop, self._arrived))
+            self._inbox = Inbox(in_loop(self._arrived))
             self._open(self._inbox, DESCRIPTION, *(MOTION if self.descriptions.robot else ()))
-        if self._polling is None:
-            self._polling = asyncio.ensure_future(self._poll())
+        self._hub.watch(self._show)
 
-    def leave(self, page: RobotPage) -> None:
-        """Send nothing to a page any more; unsubscribe two seconds after the last one."""
-        self._pages.discard(page)
-        if not self._pages and self._inbox:
-            if self._closing:
-                self._closing.cancel()
-            self._closing = self._loop.call_later(UNUSED_SECONDS, self._close_unused)
-
-    def _close_unused(self) -> None:
-        if not self._pages and self._inbox:
-            self._inbox = None
-            self._calls.call(self._topics.close)
+    def _close_topics(self) -> None:
+        self._hub.watchers.discard(self._show)
+        self._inbox = None
+        self._calls.call(self._topics.close)
 
     def _open(self, inbox: Inbox, *topics: str) -> None:
-        self._calls.call(partial(self._topics.open, inbox, topics), lambda outcome: (
-            self._in_loop(self.descriptions.refuse, str(outcome)) if outcome else None))
+        self._calls.call(partial(self._topics.open, inbox, topics), in_loop(self._opened))
 
-    def _in_loop(self, call: Callable[..., object], *args: object) -> None:
-        """Call a function in the loop, from the executor."""
-        with suppress(RuntimeError):  # the loop is closed
-            self._loop.call_soon_threadsafe(call, *args)
+    def _opened(self, outcome: RequestError | None) -> None:
+        if outcome:
+            self.descriptions.refuse(str(outcome))
 
     def _arrived(self) -> None:
         if self._timer is None:
@@ -309,10 +291,10 @@ class LiveRobots:
                 if self.positions.used > before:
                     self._meter.add()
         if changed:
-            for page in self._pages:
+            for page in self.watchers:
                 page.move(changed)
         self.descriptions.read(inbox, self._hub.state.robot.topics[0])
-        self._due = begin + max(_PERIOD, _LOAD * (self._loop.time() - begin))
+        self._due = begin + max(_PERIOD, LOAD * (self._loop.time() - begin))
 
     def _show(self, is_new: bool = False) -> None:
         """Show the state, after a change of the robot as well."""
@@ -320,22 +302,12 @@ class LiveRobots:
             self.positions = Positions(self.descriptions.robot.joints)
             if self._inbox:
                 self._open(self._inbox, *MOTION)
-        for page in self._pages:
+        for page in self.watchers:
             page.show(self._state())
-
-    async def _poll(self) -> None:
-        """Send the state once a second, while there are pages."""
-        while self._pages:
-            with suppress(RequestError):
-                await self._hub.refresh()
-            self._show()
-            await asyncio.sleep(_STATE_SECONDS)
-        self._polling = None
 
     def _state(self) -> dict[str, Any]:
         quiet = self._meter.silent_seconds
-        is_late = quiet is None or quiet > max(
-            _QUIET_SECONDS, _QUIET_PERIODS * self._meter.period)
+        is_late = quiet is None or quiet > quiet_limit(self._meter)
         version, error = self.descriptions.version, self.descriptions.error
         state = self._hub.state.robot
         is_reading = self.descriptions.is_reading

@@ -18,19 +18,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from contextlib import suppress
 import hashlib
-import json
 from typing import Any
 
 from opencv_tools.robot.view.single_file import INDEX, page_policy, read_page
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.protocol import parse_message, pong
 from opencv_tools.viewer.robot.live import LiveRobots
 from opencv_tools.viewer.web.page_files import PageFile
 from opencv_tools.viewer.web.web import FileHandler, IndexHandler, Site, SiteHandler, SocketHandler
 from tornado.web import HTTPError
-from tornado.websocket import WebSocketClosedError
 
 _WINDOW = 3  # messages with positions that the page has not answered
 
@@ -53,7 +49,7 @@ class RobotSocket(SocketHandler):
         """Count the page; the robot follows when somebody sees it."""
         self.set_nodelay(True)
         try:
-            self.count()
+            self.site.hub.add_connection(self)
         except RequestError as err:
             self.try_again(err)
             return
@@ -64,23 +60,15 @@ class RobotSocket(SocketHandler):
         self._watch(False)
         super().on_close()
 
-    async def on_message(self, message: str | bytes) -> None:
-        """Use a message of the page; the next one is read when the answer was sent."""
-        try:
-            wanted = parse_message(message)
-            if 'got' in wanted:
-                self._unread = max(0, self._unread - 1)
-                self._flush()
-            elif 'ping' in wanted:
-                with suppress(WebSocketClosedError):
-                    await self.write_message(json.dumps(pong(wanted['ping'])))
-            elif 'watch' in wanted:
-                self._watch(wanted['watch'] is True)
-            else:
-                raise RequestError('the message has no known key, such as watch or got')
-        except RequestError as err:
-            self._post({'error': str(err)})
-            self.add_bad_message()
+    async def answer(self, wanted: dict[str, Any]) -> None:
+        """Use a message of the page."""
+        if 'got' in wanted:
+            self._unread = max(0, self._unread - 1)
+            self._flush()
+        elif 'watch' in wanted:
+            self._watch(wanted['watch'] is True)
+        else:
+            raise RequestError('the message has no known key, such as watch or got')
 
     def _watch(self, is_watching: bool) -> None:
         """Follow the robot, or leave it."""
@@ -122,9 +110,9 @@ class RobotSocket(SocketHandler):
         self._task = asyncio.ensure_future(self._write(message))
 
     async def _write(self, message: dict[str, Any]) -> None:
-        with suppress(WebSocketClosedError):  # on_close follows
-            await self.write_message(json.dumps(message))
-            self._is_writing = False
+        await self.send_json(message)
+        self._is_writing = False
+        if self.ws_connection:
             self._flush()
 
 

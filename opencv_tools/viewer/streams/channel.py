@@ -232,11 +232,13 @@ class Channel:
         self.options = options
         self._restart_link()
         self.frame_arrived()
-        stream.watchers.add(self.frame_arrived)
+        stream.join(self.frame_arrived)
 
     def set_options(self, options: ViewRequest) -> None:
         """Change what the viewer requests, and send the newest frame so."""
         before, self.options = self.options, options
+        if options.held:
+            self.stream.leave(self.frame_arrived)
         if replace(before, held=options.held) == options:
             return
         if replace(before, region=options.region, limits=options.limits,
@@ -249,7 +251,7 @@ class Channel:
         """Send nothing any more."""
         self._is_closed = True
         self.shown.close()
-        self.stream.watchers.discard(self.frame_arrived)
+        self.stream.leave(self.frame_arrived)
         self._limit.close()
 
     def frame_arrived(self) -> None:
@@ -279,10 +281,6 @@ class Channel:
             self._link.answered(size, now - sent_at, period, now)
         self.frame_arrived()
         return True
-
-    def frame_of(self, sequence: int) -> NewFrame | None:
-        """Return the frame of the picture that the page shows; None for another picture."""
-        return self.shown.of(sequence)
 
     def status(self) -> dict[str, Any]:
         """Return the state of this channel for its page."""

@@ -18,15 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-import itertools
 import time
 
 from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.errors import ImageError
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
+from opencv_tools.viewer.watched import quiet_limit
 
 # Publishers that are remembered.
 _MAX_SENDERS = 32
@@ -135,8 +136,6 @@ class Restarts:
 #: Name and transport of a subscription.
 FeedKey = tuple[str, str]
 
-# Seconds and periods without a frame after which the reason is shown.
-_QUIET_SECONDS, _QUIET_PERIODS = 1.0, 3
 # Time between two looks at a silent feed, in which the executor receives frames that have waited.
 _SECOND_LOOK_SECONDS = 0.5
 
@@ -182,14 +181,20 @@ class Feed:
         :param clock: monotonic clock in seconds.
         """
         self.newest: NewFrame | None = None
-        self.broken = 0
+        #: Number of received frames, and of messages that cannot be read.
+        self.frames = self.broken = 0
         #: Reason why the newest message cannot be read, or why there is no subscription; '' else.
         self.error = ''
+        #: Reason why no frame arrives, as the graph has it; '' while frames arrive.
+        self.reason = ''
+        #: Number of lost frames.
+        self.lost = 0
+        #: Whether the publishers keep their last frame for new subscriptions.
+        self.is_latched = False
         #: Keeps a message, and returns it; in the executor.
         self.keep: Callable[[ReceivedMessage], ReceivedMessage] = lambda received: received
         self._clock = clock
         self._silent_at: float | None = None  # of the first look at a silent feed
-        self._numbers = itertools.count(1)
         self._on_frame = on_frame
         self._meter = RateMeter(clock)
         #: Restarts of the camera.
@@ -201,15 +206,15 @@ class Feed:
             self.error = str(outcome)
 
     def put(self, received: ReceivedMessage) -> None:
-        """Replace the newest frame."""
+        """Use a message, and announce it."""
         self.restarts.add(received.publisher, received.stamp_ns)
-        received = self.keep(received)
-        self.newest = NewFrame(next(self._numbers), received.image, received.receive_ns)
+        try:
+            self._add(received)
+        except ImageError as err:
+            self.count_broken(err)
+            return
+        self.frames += 1
         self.error = ''
-        self.arrived()
-
-    def arrived(self) -> None:
-        """Count a frame, and announce it."""
         self._count_arrival()
         self._on_frame()
 
@@ -218,11 +223,6 @@ class Feed:
         self.broken += 1
         self.error = printable(err, MAX_MESSAGE)
         self._count_arrival()
-
-    @property
-    def frames(self) -> int:
-        """Return the number of received frames."""
-        return self.newest.number if self.newest else 0
 
     @property
     def rate(self) -> float:
@@ -242,12 +242,17 @@ class Feed:
         look.
         """
         quiet, now = self._meter.silent_seconds, self._clock()
-        if quiet is not None and quiet <= max(_QUIET_SECONDS, _QUIET_PERIODS * self._meter.period):
+        if quiet is not None and quiet <= quiet_limit(self._meter):
             self._silent_at = None
             return False
         if self._silent_at is None:
             self._silent_at = now
         return now - self._silent_at >= _SECOND_LOOK_SECONDS
+
+    def _add(self, received: ReceivedMessage) -> None:
+        """Replace the newest frame."""
+        received = self.keep(received)
+        self.newest = NewFrame(self.frames + 1, received.image, received.receive_ns)
 
     def _count_arrival(self) -> None:
         self._meter.add()

@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
-from opencv_tools.image.errors import ImageError, VideoError
+from opencv_tools.image.errors import VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.video.last_sets import LastSets
@@ -103,38 +103,24 @@ class PacketFeed(Feed):
         #: Packets that the loop has not taken yet, oldest first.
         self.waiting: deque[ViewedPacket] = deque(maxlen=_MAX_WAITING)
         self._reader = PacketReader()
-        self._count = self._number = self._published = 0
-
-    @property
-    def frames(self) -> int:
-        """Return the number of received packets."""
-        return self._count
-
-    def put(self, received: ReceivedMessage) -> None:
-        """Add a packet."""
-        message = received.message
-        self.restarts.add(received.publisher, received.stamp_ns)
-        # The numbers of the publisher show that packets are missing before this one.
-        is_next = not received.number or received.number == self._published + 1
-        self._published = received.number
-        self._number += 1 if is_next else 2
-        try:
-            if not isinstance(message, WireVideo):
-                raise VideoError('an image is not a packet of video')
-            packet, name = self._reader.read(message)
-        except ImageError as err:
-            self.count_broken(err)
-            return
-        self._count += 1
-        self.error = ''
-        self.waiting.append(ViewedPacket(
-            number=self._number, stamp_ns=received.stamp_ns, packet=packet, name=name))
-        self.arrived()
+        self._number = self._published = 0
 
     def count_broken(self, err: Exception) -> None:
         """Count a message that cannot be read; those after it need a key frame."""
         self._number += 1
         super().count_broken(err)
+
+    def _add(self, received: ReceivedMessage) -> None:
+        """Keep a packet for the loop."""
+        # The numbers of the publisher show that packets are missing before this one.
+        is_next = not received.number or received.number == self._published + 1
+        self._published = received.number
+        self._number += 1 if is_next else 2
+        if not isinstance(received.message, WireVideo):
+            raise VideoError('an image is not a packet of video')
+        packet, name = self._reader.read(received.message)
+        self.waiting.append(ViewedPacket(
+            number=self._number, stamp_ns=received.stamp_ns, packet=packet, name=name))
 
 
 def _shown_size(announced: tuple[int, int] | None, coded: tuple[int, int]) -> tuple[int, int]:

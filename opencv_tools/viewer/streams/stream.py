@@ -19,29 +19,27 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from concurrent.futures import Executor
-from contextlib import suppress
 from functools import partial
 from typing import Any, ParamSpec, TypeVar
 
 from opencv_tools.base.logs import Log
+from opencv_tools.viewer.protocol import finite
 from opencv_tools.viewer.streams.depth_colors import DepthRange, Steady
 from opencv_tools.viewer.streams.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.streams.feed import Feed, FeedKey, NewFrame
 from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
+from opencv_tools.viewer.watched import in_loop, Watched
 
 _P = ParamSpec('_P')
 _T = TypeVar('_T')
 
 # Time after the last question about pixels until they are forgotten.
 _PIXELS_SECONDS = 2.0
-#: Time after the last viewer until the subscription ends, for a reload of the page.
-UNUSED_SECONDS = 2.0
-
 # Pictures of a frame that are kept for other pages; a page may request any region.
 _MAX_PICTURES = 16
 
 
-class Stream:
+class Stream(Watched[Callable[[], object]]):
     """
     Encode the newest frame of a topic, once for each size and quality.
 
@@ -58,12 +56,10 @@ class Stream:
         :param key: name of the topic, and the transport.
         :param pool: threads that encode.
         """
+        super().__init__()
         self.number = number
         self.key = key
         self.name, _ = key
-        self.feed = feed_type(self._notify)
-        #: Functions that are called after each frame.
-        self.watchers: set[Callable[[], object]] = set()
         #: The last picture that was encoded; None before the first one.
         self.last_picture: Picture | None = None
         #: Number of encodings so far.
@@ -78,9 +74,11 @@ class Stream:
         self._broken_number = 0
         self._newest_number = 0  # of the frames that were encoded
         self._is_notified = False
+        self._wake = in_loop(self._frame_arrived)
         self._pictures: dict[PictureOptions, tuple[int, asyncio.Future[Picture | str]]] = {}
         self._pixels: tuple[int, asyncio.Future[Pixels]] | None = None
         self._forgets: asyncio.TimerHandle | None = None
+        self.feed = feed_type(self._notify)
 
     @property
     def broken(self) -> int:
@@ -96,6 +94,7 @@ class Stream:
         """Return what the protocol tells about the pictures."""
         feed, picture = self.feed, self.last_picture
         width, height = picture.source_size if picture else (0, 0)
+        limits = picture and picture.limits
         quiet, restarted = feed.quiet_seconds, feed.restarts.seconds
         return {
             'id': self.number, 'name': self.name, 'width': width, 'height': height,
@@ -103,7 +102,9 @@ class Stream:
             'unit': picture.unit if picture else '', 'rate': round(feed.rate, 1),
             'frames': feed.frames, 'broken': self.broken, 'encodings': self.encodings,
             'quiet': None if quiet is None else round(quiet, 2),
-            'restarted': None if restarted is None else round(restarted, 1)}
+            'restarted': None if restarted is None else round(restarted, 1),
+            'lost': feed.lost, 'reason': feed.reason or self.error,
+            'range': limits and [finite(limit) for limit in limits]}
 
     def picture(self, frame: NewFrame, options: PictureOptions) -> asyncio.Future[Picture | str]:
         """
@@ -205,8 +206,7 @@ class Stream:
         """Wake the loop, in the executor; once for all frames that it has not seen yet."""
         if not self._is_notified:
             self._is_notified = True
-            with suppress(RuntimeError):  # the loop is closed
-                self._loop.call_soon_threadsafe(self._frame_arrived)
+            self._wake()
 
     def _frame_arrived(self) -> None:
         self._is_notified = False

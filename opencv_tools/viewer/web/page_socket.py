@@ -29,12 +29,11 @@ from typing import Any
 from opencv_tools.viewer.control import CameraControl, recorder_of
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.inspect.looks import Looks, MAX_LOOKS
+from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.protocol import (
-    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_message, parse_options, pong, topic_of,
-    ViewRequest, WIDTHS)
+    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_options, topic_of, ViewRequest, WIDTHS)
 from opencv_tools.viewer.streams.channel import Channel
-from opencv_tools.viewer.streams.video_channel import VideoChannel
-from opencv_tools.viewer.streams.video_link import VideoLink
+from opencv_tools.viewer.streams.video_channel import VideoChannel, VideoLink
 from opencv_tools.viewer.web.web import POLICY_VIOLATION, SocketHandler
 from tornado.websocket import WebSocketClosedError
 
@@ -70,18 +69,18 @@ class PageSocket(SocketHandler):
         self._sending: asyncio.Future[None] | None = None
         self._writing: dict[int, asyncio.Future[None]] = {}
         self._controlling = asyncio.Lock()
-        self._looks = Looks(lambda name: self._channels.get(name), self._write)
+        self._looks = Looks(self._channels.get, self.send_json)
         self._overlays = self.site.overlays(
-            lambda name: self._channels.get(name), self._write,
+            self._channels.get, self.send_json,
             lambda message: self._start(json.dumps(message)))
-        self._steps = self.site.hub.steps(self._channels, self._write)
+        self._steps = Steps(self.site.hub.history, self._channels, self.send_json)
         self._tasks: set[asyncio.Task[None]] = set()
         self.set_nodelay(True)
         hub = self.site.hub
         self._post({'hello': {
             'host': socket.gethostname(), 'control': hub.settings.control, 'widths': WIDTHS,
             'video': hub.settings.shown_video, 'token': self.site.access.token}})
-        for name, value in hub.lists().items():
+        for name, value in hub.state.lists().items():
             self._post({name: value})
         hub.add_viewer(self)
 
@@ -97,21 +96,6 @@ class PageSocket(SocketHandler):
         for task in tuple(getattr(self, '_tasks', ())):
             task.cancel()
 
-    async def on_message(self, message: str | bytes) -> None:
-        """
-        Answer a request of the page; the next one is read when the answer was sent.
-
-        Control of other nodes takes longer, and has a task of its own.
-        """
-        try:
-            answer = await self._answer(parse_message(message))
-        except RequestError as err:
-            await self._write({'error': str(err)})
-            self.add_bad_message()
-            return
-        if answer:
-            await self._write(answer)
-
     def update(self, changed: dict[str, Any]) -> None:
         """Send the state, unless the page has not read the last one."""
         self._changed |= changed
@@ -121,20 +105,17 @@ class PageSocket(SocketHandler):
             self._post({name: value})
         self._changed = {}
         if self._channels:
-            hub = self.site.hub
             self._post({'status': [
-                {**hub.status(channel.stream), **channel.status(), **self._overlays.status(name)}
+                {**channel.stream.status(), **channel.status(), **self._overlays.status(name)}
                 for name, channel in self._channels.items()]})
         for name, channel in tuple(self._channels.items()):
             if isinstance(channel, VideoChannel) and channel.link.is_slow != channel.options.slow:
                 self._add_task(self._subscribe_again(name, channel.options))
 
-    async def _answer(self, message: _Message) -> _Message | None:
-        """Return the answer to a request."""
+    async def answer(self, message: _Message) -> _Message | None:
+        """Return the answer to a request; control of other nodes has a task of its own."""
         if 'got' in message:
             self._acknowledge(message['got'])
-        elif 'ping' in message:
-            return pong(message['ping'])
         elif 'codecs' in message:
             self._codecs = parse_codecs(message['codecs'])
         elif 'key' in message:
@@ -182,7 +163,7 @@ class PageSocket(SocketHandler):
             except RequestError as err:
                 answer = {kind: {'node': message[kind], 'name': message.get('name'), 'ok': False,
                                  'message': str(err)}}
-            await self._write(answer)
+            await self.send_json(answer)
 
     def _acknowledge(self, sequence: Any) -> None:
         """Use the answer to a picture; one that comes before the picture was sent is a guess."""
@@ -200,7 +181,7 @@ class PageSocket(SocketHandler):
         """Change the video of a page whose link has become slow, or is tried again."""
         answer = await self._subscribe(name, options)
         if answer:
-            await self._write(answer)
+            await self.send_json(answer)
 
     async def _subscribe(self, name: str, requested: ViewRequest) -> _Message | None:
         options = self.site.hub.options(requested)
@@ -213,13 +194,10 @@ class PageSocket(SocketHandler):
             has_video = slow = False  # the pictures that are held are images
         looks = holds or (options.looks and not has_video and self._may_look(name))
         options = replace(options, video=has_video, slow=slow, looks=looks)
-        if channel and (channel.options.video, channel.options.slow, channel.options.held) == (
-                has_video, slow, options.held):
+        if channel and (holds or (
+                channel.options.video, channel.options.slow, channel.options.held) == (
+                    has_video, slow, options.held)):
             channel.set_options(options)
-            return None
-        if holds and isinstance(channel, Channel):
-            channel.set_options(options)
-            self.site.hub.release(channel.stream)
             return None
         self._unsubscribe(name)
         if options.held:
@@ -233,12 +211,11 @@ class PageSocket(SocketHandler):
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
         try:
-            stream = await self.site.hub.acquire(name, video=options.video, slow=options.slow)
+            stream = await self.site.hub.stream(name, video=options.video, slow=options.slow)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
-            self.site.hub.release(stream)  # the page was closed meanwhile
-            return None
+            return None  # the page was closed meanwhile
         self._links[name] = link
         video = self.site.hub.video(stream, options.slow) if options.video else None
         self._channels[name] = VideoChannel(
@@ -264,8 +241,6 @@ class PageSocket(SocketHandler):
         channel = self._channels.pop(name, None)
         if channel:
             channel.close()
-            if not channel.options.held:
-                self.site.hub.release(channel.stream)
             self._steps.follow(name)
 
     def _send(self, pack: Callable[[int], bytes]) -> int:
@@ -282,11 +257,6 @@ class PageSocket(SocketHandler):
             self._writing[sequence] = writing
             writing.add_done_callback(lambda _: self._writing.pop(sequence))
         return sequence
-
-    async def _write(self, message: _Message) -> None:
-        """Send a message and wait until it is sent; nothing happens if the page was closed."""
-        with suppress(WebSocketClosedError):
-            await self.write_message(json.dumps(message))
 
     def _post(self, message: _Message) -> None:
         """Send a message without waiting for the page to read it."""

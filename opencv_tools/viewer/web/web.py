@@ -18,7 +18,9 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+import json
 from typing import Any
 
 from opencv_tools.base.logs import Log
@@ -28,9 +30,10 @@ from opencv_tools.viewer.access import Access, check_origin, is_same_origin
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.overlays.page_overlays import PageOverlays
+from opencv_tools.viewer.protocol import parse_message, pong
 from opencv_tools.viewer.web.page_files import CALIBRATE, INDEX, PageFile, TOKEN_FORM
 from tornado.web import HTTPError
-from tornado.websocket import WebSocketHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 _MESSAGES = {404: 'there is no such page', 405: 'only GET and HEAD are allowed'}
 # Time until a wrong token is refused, so that nobody can try many.
@@ -70,14 +73,6 @@ class Site:
         return f'img_viewer_{self.port}'
 
 
-class Refusal(HTTPError):
-    """An answer with a status of HTTP and one sentence."""
-
-    def __init__(self, err: RequestError) -> None:
-        super().__init__(err.status)
-        self.message = str(err)
-
-
 class SiteHandler(SendingHandler):
     """A handler that checks the host and the token of each request."""
 
@@ -93,13 +88,20 @@ class SiteHandler(SendingHandler):
     async def prepare(self) -> None:
         """Refuse a request of a foreign host or without the token."""
         host = self.request.headers.get('Host', '')
-        try:
-            self.site.access.check_host(host)
-            self.set_header('Content-Security-Policy', self.policy.format(host=host))
-            if self.needs_token:
-                await self.check_token()
-        except RequestError as err:
-            raise Refusal(err) from err
+        self.site.access.check_host(host)
+        self.set_header('Content-Security-Policy', self.policy.format(host=host))
+        if self.needs_token:
+            await self.check_token()
+
+    def send_error(self, status_code: int = 500, **kwargs: Any) -> None:
+        """Answer with the status of an error."""
+        err = kwargs.get('exc_info', (None, None))[1]
+        super().send_error(err.status if isinstance(err, RequestError) else status_code, **kwargs)
+
+    def log_exception(self, *exception: Any) -> None:
+        """Log an error that is not a refusal."""
+        if not isinstance(exception[1], RequestError):
+            super().log_exception(*exception)
 
     async def check_token(self) -> None:
         """
@@ -118,17 +120,6 @@ class SiteHandler(SendingHandler):
             await asyncio.sleep(_REFUSAL_SECONDS)
             raise
 
-    async def refresh(self) -> None:
-        """
-        Read the state of the graph.
-
-        :raises Refusal: the executor is busy.
-        """
-        try:
-            await self.site.hub.refresh()
-        except RequestError as err:
-            raise Refusal(err) from err
-
     def keep_token(self) -> None:
         """Keep the token of the URL in a cookie; the token was checked."""
         token = self.site.access.token
@@ -139,8 +130,8 @@ class SiteHandler(SendingHandler):
 
     def sentence(self, status_code: int, err: BaseException | None) -> str:
         """Return the sentence for an error."""
-        message = getattr(err, 'message', _MESSAGES.get(status_code, self._reason))
-        return printable(message, 1000)
+        return printable(str(err) if isinstance(err, RequestError)
+                         else _MESSAGES.get(status_code, self._reason), 1000)
 
     def write_file(self, file: PageFile) -> None:
         """Write a file of the page."""
@@ -164,45 +155,55 @@ class SocketHandler(SiteHandler, WebSocketHandler):
         """Store the site."""
         super().initialize(site)
         self._bad_messages = 0
-        self._is_counted = False
 
     async def prepare(self) -> None:
         """Refuse a page without the token, a malformed origin, and more pages than allowed."""
         await super().prepare()
-        try:
-            check_origin(self.request.headers.get('Origin', ''))
-            self.site.hub.check_room()
-        except RequestError as err:
-            raise Refusal(err) from err
+        check_origin(self.request.headers.get('Origin', ''))
+        self.site.hub.check_room()
 
     def check_origin(self, origin: str) -> bool:
         """Return whether the page is of this server."""
         return is_same_origin(origin, self.request.headers.get('Host', ''))
 
-    def count(self) -> None:
-        """
-        Count the page as a viewer, until it is closed.
+    async def on_message(self, message: str | bytes) -> None:
+        """Answer a message of the page; the next one is read when the answer was sent."""
+        try:
+            wanted = parse_message(message)
+            answer = pong(wanted['ping']) if 'ping' in wanted else await self.answer(wanted)
+        except RequestError as err:
+            await self.refuse(err)
+        else:
+            if answer:
+                await self.send_json(answer)
 
-        :raises RequestError: there are too many.
+    async def answer(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
         """
-        self.site.hub.add_connection()
-        self._is_counted = True
+        Return the answer to a message, if it has one.
+
+        :raises RequestError: the message cannot be used.
+        """
+        raise NotImplementedError
+
+    async def refuse(self, err: RequestError) -> None:
+        """Send why a message cannot be used; close the connection if there are many."""
+        await self.send_json({'error': str(err)})
+        self._bad_messages += 1
+        if self._bad_messages >= self.most_bad_messages:
+            self.close(POLICY_VIOLATION, 'too many messages that cannot be used')
+
+    async def send_json(self, message: dict[str, Any]) -> None:
+        """Send a message and wait until it is sent; nothing happens if the page was closed."""
+        with suppress(WebSocketClosedError):  # on_close follows
+            await self.write_message(json.dumps(message))
 
     def on_close(self) -> None:
         """Count the page no longer."""
-        if self._is_counted:
-            self._is_counted = False
-            self.site.hub.remove_connection()
+        self.site.hub.connections.discard(self)
 
     def try_again(self, err: RequestError) -> None:
         """Close the connection, which the page may open again; the reason has 120 bytes."""
         self.close(_TRY_AGAIN, str(err).encode()[:120].decode(errors='ignore'))
-
-    def add_bad_message(self) -> None:
-        """Count a message that cannot be used, and close the connection if there are many."""
-        self._bad_messages += 1
-        if self._bad_messages >= self.most_bad_messages:
-            self.close(POLICY_VIOLATION, 'too many messages that cannot be used')
 
 
 class UnknownHandler(SiteHandler):
@@ -226,7 +227,7 @@ class IndexHandler(SiteHandler):
             await self.check_token()
         except RequestError as err:
             if TOKEN_FORM not in self.site.page:
-                raise Refusal(err) from err
+                raise
             self.set_status(err.status)
             self._write_page(TOKEN_FORM)
             return
@@ -257,7 +258,7 @@ class TopicsHandler(SiteHandler):
 
     async def get(self) -> None:
         """Write the list, with the state of topics that somebody looks at."""
-        await self.refresh()
+        await self.site.hub.refresh()
         self.finish({'node': self.site.node, 'topics': self.site.hub.full_json(),
                      'more': self.site.hub.state.more})
 
@@ -269,6 +270,6 @@ class HealthHandler(SiteHandler):
 
     async def get(self) -> None:
         """Write ``ok`` when the executor of the node answers."""
-        await self.refresh()
+        await self.site.hub.refresh()
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish('ok\n')

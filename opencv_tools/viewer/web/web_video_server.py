@@ -31,13 +31,12 @@ from opencv_tools.recording.frames import CompressedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, read_image_header
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.graph import NO_STATE
 from opencv_tools.viewer.inspect.picture_files import PictureFiles
 from opencv_tools.viewer.protocol import number_of, topic_of
 from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
 from opencv_tools.viewer.streams.feed import NewFrame
 from opencv_tools.viewer.streams.stream import Stream
-from opencv_tools.viewer.web.web import Refusal, SiteHandler
+from opencv_tools.viewer.web.web import SiteHandler
 from tornado.escape import xhtml_escape
 
 # Lossless formats, most common first; .npy stores every frame.
@@ -94,38 +93,31 @@ class StreamingHandler(SiteHandler):
         Look at the topic of the URL.
 
         :param original: whether raw images are preferred to compressed ones.
-        :raises Refusal: there is no such topic, or too many viewers.
+        :raises RequestError: there is no such topic, or too many viewers.
         """
         hub = self.site.hub
+        name = topic_of(self.get_query_argument('topic', None))
+        hub.add_connection(self)
         try:
-            name = topic_of(self.get_query_argument('topic', None))
-            hub.add_connection()
-        except RequestError as err:
-            raise Refusal(err) from err
-        try:
-            stream = await hub.acquire(name, original)
+            stream = await hub.stream(name, original)
+            stream.acquire()
             try:
                 yield stream
             finally:
-                hub.release(stream)
-        except RequestError as err:
-            raise Refusal(err) from err
+                stream.release()
         finally:
-            hub.remove_connection()
+            hub.connections.discard(self)
 
     def picture_options(self) -> PictureOptions:
         """
         Return the size and quality of the URL.
 
-        :raises Refusal: a number is invalid.
+        :raises RequestError: a number is invalid.
         """
         settings = self.site.hub.settings
-        try:
-            width, height, quality = (
-                int(number_of(self.get_query_argument(name, '') or '0', name, 0, high))
-                for name, high in (('width', 65_535), ('height', 65_535), ('quality', 100)))
-        except RequestError as err:
-            raise Refusal(err) from err
+        width, height, quality = (
+            int(number_of(self.get_query_argument(name, '') or '0', name, 0, high))
+            for name, high in (('width', 65_535), ('height', 65_535), ('quality', 100)))
         widths = [limit for limit in (width, settings.width) if limit]
         return PictureOptions(min(widths, default=0), quality or settings.quality, height=height,
                               keep=not quality)
@@ -136,15 +128,16 @@ class StreamingHandler(SiteHandler):
 
         :raises RequestError: no frame has arrived.
         """
-        state = await self.site.hub.refresh()
-        if stream.feed.newest and state.feeds.get(stream.key, NO_STATE).is_latched:
-            return stream.feed.newest
-        frame = await stream.next_frame(stream.feed.frames, _FRAME_SECONDS)
+        feed = stream.feed
+        await self.site.hub.refresh()
+        if feed.newest and feed.is_latched:
+            return feed.newest
+        frame = await stream.next_frame(feed.frames, _FRAME_SECONDS)
         if frame:
             return frame
-        state = await self.site.hub.refresh()
-        reason = state.feeds.get(stream.key, NO_STATE).reason or stream.error
-        raise RequestError(reason or f'no frame on {stream.name} within {_FRAME_SECONDS:g} s', 503)
+        await self.site.hub.refresh()
+        raise RequestError(feed.reason or stream.error or f'no frame on {stream.name} within '
+                           f'{_FRAME_SECONDS:g} s', 503)
 
 
 class SnapshotHandler(StreamingHandler):
@@ -154,10 +147,7 @@ class SnapshotHandler(StreamingHandler):
         """Write the frame of a picture, or the next one; who has not read it is still a viewer."""
         if key := self.get_query_argument('picture', ''):
             files: PictureFiles = self.settings['files']
-            try:
-                await self.finish(await self._original(*files.take(key)))
-            except RequestError as err:
-                raise Refusal(err) from err
+            await self.finish(await self._original(*files.take(key)))
             return
         is_original = self.get_query_argument('format', 'jpg') == 'original'
         options = self.picture_options()
@@ -203,7 +193,7 @@ class StreamHandler(StreamingHandler):
         """Write pictures until the browser closes the connection."""
         kind = self.get_query_argument('type', '') or 'mjpeg'
         if kind != 'mjpeg':
-            raise Refusal(RequestError(f'type {kind[:40]!r} is not available: use mjpeg'))
+            raise RequestError(f'type {kind[:40]!r} is not available: use mjpeg')
         options = self.picture_options()
         async with self.stream() as stream:
             frame = await self.first_frame(stream)
@@ -256,10 +246,7 @@ class StreamViewerHandler(SiteHandler):
 
     def get(self) -> None:
         """Write the page."""
-        try:
-            name = topic_of(self.get_query_argument('topic', None))
-        except RequestError as err:
-            raise Refusal(err) from err
+        name = topic_of(self.get_query_argument('topic', None))
         self.keep_token()
         given = {key: self.get_query_argument(key, '')
                  for key in ('type', 'width', 'height', 'quality')}

@@ -242,14 +242,14 @@ def test_frame_of_the_shown_picture_is_kept() -> None:
         stream.feed.put(ReceivedMessage(image(), 0))
         await page.wait(1)
         first = stream.feed.newest
-        assert page.channel.frame_of(1) is None  # the page has not drawn it yet
+        assert page.channel.shown.of(1) is None  # the page has not drawn it yet
         page.channel.answered(1)
         stream.feed.put(ReceivedMessage(image(), 0))
         await page.wait(2)
-        assert page.channel.frame_of(1) is first
+        assert page.channel.shown.of(1) is first
         page.channel.answered(2)
-        assert page.channel.frame_of(1) is None
-        assert page.channel.frame_of(2) is stream.feed.newest
+        assert page.channel.shown.of(1) is None
+        assert page.channel.shown.of(2) is stream.feed.newest
 
     run(work)
 
@@ -260,7 +260,7 @@ def test_no_frame_is_kept_without_a_look() -> None:
         stream.feed.put(ReceivedMessage(image(), 0))
         await page.wait(1)
         page.channel.answered(1)
-        assert page.channel.frame_of(1) is None
+        assert page.channel.shown.of(1) is None
 
     run(work)
 

@@ -31,6 +31,8 @@ from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams.feed import Feed
+from opencv_tools.viewer.streams.stream import Stream
+from opencv_tools.viewer.watched import Watched
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -135,25 +137,31 @@ def test_pages_get_what_another_reading_has_found(
     run(work)
 
 
+async def used(hub: Hub) -> Stream:
+    stream = await hub.stream('/image')
+    stream.acquire()
+    return stream
+
+
 def test_stream_is_kept_for_a_page_that_comes_back(
         run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hub_module, 'UNUSED_SECONDS', 0.0)
+    monkeypatch.setattr(Watched, 'unused_seconds', 0.0)
 
     async def work(hub: Hub) -> None:
         hub.state = GraphState({'/image': ViewTopic(number=1, name='/image')})
-        stream = await hub.acquire('/image')
-        hub.release(stream)
-        assert await hub.acquire('/image') is stream  # before the stream is closed
+        stream = await used(hub)
+        stream.release()
+        assert await used(hub) is stream  # before the stream is closed
         await due()
-        assert await hub.acquire('/image') is stream
+        assert await used(hub) is stream
         for _ in range(2):
-            hub.release(stream)
+            stream.release()
         await due()
-        other = await hub.acquire('/image')
+        other = await used(hub)
         assert other is not stream
         subscriptions = hub._graph._open
         await until(lambda: other.feed in [feed for feed, _ in [*subscriptions.values()]])
-        hub.release(other)
+        other.release()
         await until(lambda: not subscriptions)
 
     run(work)
@@ -164,9 +172,9 @@ def test_only_the_feed_of_a_subscription_closes_it(node: Node) -> None:
     feed, key = Feed(lambda: None), ('/image', 'auto')
     graph.open(key, feed)
     graph.close(key, Feed(lambda: None))
-    assert key in graph.state().feeds
+    assert key[0] in graph.state().topics
     graph.close(key, feed)
-    assert not graph.state().feeds
+    assert not graph.state().topics
 
 
 def test_end_without_pages(run: Run) -> None:

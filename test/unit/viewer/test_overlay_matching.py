@@ -26,7 +26,7 @@ from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.viewer.overlays import matching
+from opencv_tools.viewer import watched
 from opencv_tools.viewer.overlays.boxes import DETECTIONS, MAX_BYTES
 from opencv_tools.viewer.overlays.matching import MatchedFrames
 from opencv_tools.viewer.overlays.sources import BoxSource
@@ -46,7 +46,6 @@ class Match:
         self.matched: list[int] = []
         self.expired = 0
         self.frames = MatchedFrames(self.source, self._add, self._expire)
-        self.source.watchers.add(self.frames.look)
 
     async def _add(self, frame: NewFrame) -> None:
         self.matched.append(frame.stamp_ns)
@@ -117,7 +116,7 @@ def test_boxes_before_their_frame() -> None:
 
 
 def test_frames_without_boxes_follow_after_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(matching, '_QUIET_SECONDS', 0.05)
+    monkeypatch.setattr(watched, '_QUIET_SECONDS', 0.05)
 
     async def work(match: Match) -> None:
         match.frame(1)

@@ -31,12 +31,10 @@ from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams import video_channel
-from opencv_tools.viewer.streams.encoded_video import EncodedVideo
 from opencv_tools.viewer.streams.packets import PacketFeed, PACKETS, ViewedPacket
 from opencv_tools.viewer.streams.stream import Stream
-from opencv_tools.viewer.streams.video_channel import VideoChannel
-from opencv_tools.viewer.streams.video_link import VideoLink
-from opencv_tools.viewer.streams.video_source import PacketSource, PublishedVideo
+from opencv_tools.viewer.streams.video_channel import (
+    EncodedVideo, PacketSource, VideoChannel, VideoLink)
 import pytest
 from waiting import pause_loop, until
 
@@ -84,9 +82,7 @@ class Topic:
         self.requests = 0
         self.stream = Stream(
             7, ('/image', PACKETS), asyncio.get_running_loop(), pool, Console(), PacketFeed)
-        assert isinstance(self.stream.feed, PacketFeed)
-        self.source = PublishedVideo(
-            self.stream, self.stream.feed, self._count_request, self.clock)
+        self.source = PacketSource(self.stream, self._count_request, self.clock)
         self.number = 0
 
     def page(self, codecs: frozenset[str] = frozenset(('h264',))) -> Receiver:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.viewer.streams.video_link import VideoLink
+from opencv_tools.viewer.streams.video_channel import VideoLink
 
 
 class Clock:
