@@ -22,7 +22,7 @@ import shutil
 from threading import Event
 
 from console import Console
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.recording import disk_reserve as module
 from opencv_tools.recording.disk_reserve import SinkWithReserve
 from opencv_tools.recording.errors import LimitReached
