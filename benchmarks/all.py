@@ -33,8 +33,8 @@ import numpy as np
 
 BENCHMARKS = (
     'startup', 'robot', 'robot_page', 'bridge', 'rectified', 'calibration', 'idle', 'playback',
-    'recording', 'bags', 'datasets', 'viewer', 'viewer_page', 'viewer_calibration', 'video',
-    'transport',
+    'recording', 'bags', 'messages', 'datasets', 'viewer', 'viewer_page', 'viewer_calibration',
+    'video', 'transport',
     'transport --qos best_effort --runs 3 --ways "ours raw" "plain subscriber" tutorial',
     'transport --sizes 1920x1080@60 3840x2160@30 --runs 3 '
     '--ways "ours raw" "ours shm" "thread shm" tutorial',

@@ -28,12 +28,12 @@ import struct
 from typing import NamedTuple
 
 from opencv_tools.bags.errors import BagError, check_mcap
-from opencv_tools.bags.index import (
-    BagIndex, CHUNK_BYTES, encode_record, LIBRARY, OpenChunk, PROFILE)
-from opencv_tools.bags.mcap_records import (
+from opencv_tools.bags.mcap_reader import (
     CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, definition, file_reader, HEADER_CODE,
     INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, message_head, MESSAGE_INDEX,
-    MESSAGE_INDEX_CODE, Read, RECORD, Record, records, SCHEMA_CODE, summary_start)
+    MESSAGE_INDEX_CODE, Read, RECORD, Record, scan, SCHEMA_CODE, summary_start)
+from opencv_tools.bags.writing import (
+    BagIndex, CHUNK_BYTES, encode_record, LIBRARY, OpenChunk, PROFILE)
 from opencv_tools.base.regular_files import is_same_file, open_regular, try_lock
 from opencv_tools.base.text import printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
@@ -144,8 +144,7 @@ class _OwnBag:
         self._size = size
         self._name = name
         self._image_schemas: set[int] = set()
-        self._image_channels: set[int] = set()
-        self._channels: set[int] = set()
+        self._channels: dict[int, bool] = {}  # whether the messages are images
         self._definition_count = 0
         self._index_offsets: dict[int, int] = {}
 
@@ -155,18 +154,24 @@ class _OwnBag:
 
         :raises BagError: a record is not one that ``BagWriter`` writes there.
         """
-        for record in records(self._read, self.end, self._size):
-            if not self._add(record):
+        for part in scan(self._read, self.end, self._size, [], limit=self._size):
+            record = part.record
+            if part.chunk:
+                is_complete = self._add_message(record, part.chunk.end)
+            elif is_complete := self._add(record):
+                self.end = record.end
+            if not is_complete:
                 break
-            self.end = record.end
-        if self.chunk:
+        if self.chunk and self.chunk.size:
             self.end = self.chunk.end  # without incomplete message indexes
+        elif self.chunk:
+            self.end, self.chunk = self.chunk.offset, None
 
     def message_counts(self) -> Counts:
         counts = Counter(self.index.counts)
         counts.update(self.chunk.counts() if self.chunk else {})
-        return Counts(sum(counts[channel_id] for channel_id in self._image_channels),
-                      counts.total())
+        return Counts(sum(counts[channel] for channel, is_image in self._channels.items()
+                          if is_image), counts.total())
 
     def _add(self, record: Record) -> bool:
         """Add a record; return whether it is complete and another one may follow."""
@@ -193,7 +198,7 @@ class _OwnBag:
         return True
 
     def _add_chunk(self, record: Record) -> bool:
-        """Add a chunk, of which the file may have only the first messages."""
+        """Add a chunk without its messages, of which the file may have only the first ones."""
         start = self._read(record.begin, CHUNK.size)
         if len(start) < CHUNK.size:
             return False
@@ -201,13 +206,7 @@ class _OwnBag:
         if crc or name_bytes or not 0 < size == data_bytes == record.size - CHUNK.size:
             raise self._damaged(record)
         self.chunk, self._index_offsets = OpenChunk(record.begin), {}
-        for inner in records(self._read, self.chunk.end, min(record.end, self._size)):
-            if not self._add_message(inner, record.end):
-                break
-        is_complete = self.chunk.end == record.end
-        if not self.chunk.size:
-            self.chunk = None
-        return is_complete
+        return True
 
     def _add_message(self, record: Record, limit: int) -> bool:
         """Add a message of the chunk; return whether it is complete."""
@@ -241,18 +240,16 @@ class _OwnBag:
             self.chunk = None
 
     def _add_definition(self, record: Record) -> None:
-        from mcap.records import Channel, Schema
+        from mcap.records import Channel
         data = bytes(self._read(record.begin, record.size))
-        found = (definition(Channel, self._read, record) if record.opcode == CHANNEL_CODE
-                 else definition(Schema, self._read, record))
+        found = definition(self._read, record)
         self._definition_count += 1
         if (not found or self._definition_count > _MAX_DEFINITIONS
                 or encode_record(found) != data):
             raise self._damaged(record)
         if isinstance(found, Channel):
-            self._channels.add(found.id)
-            if found.schema_id in self._image_schemas:
-                self._image_channels.add(found.id)
+            self._channels[found.id] = (found.schema_id in self._image_schemas
+                                        or self._channels.get(found.id, False))
         elif found.name in (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS):
             self._image_schemas.add(found.id)
         self.index.add_record(record.opcode, data)

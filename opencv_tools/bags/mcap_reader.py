@@ -12,12 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Reader of MCAP files: by their index, or by the heads of all records without one."""
+"""
+MCAP files: their records, their contents, and a reader with limits of time and memory.
+
+The readers of the library ``mcap`` load a chunk as often as a message needs it, and believe the
+sizes that a file claims. Here a claimed size is compared with the file, and no data are copied.
+"""
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 import heapq
@@ -26,12 +31,11 @@ from itertools import chain, islice
 import os
 from pathlib import Path
 import struct
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
+import zlib
 
+from opencv_tools.bags.compression import decompress
 from opencv_tools.bags.errors import BagError, check_mcap
-from opencv_tools.bags.mcap_records import (
-    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, definition, file_reader, flat_records, MAGIC, MESSAGE,
-    MESSAGE_CODE, message_head, Read, Record, records, SCHEMA_CODE, summary_start)
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, Texts
 from opencv_tools.base.regular_files import open_regular
 from opencv_tools.base.text import MAX_PATH, printable
@@ -39,13 +43,221 @@ from opencv_tools.base.text import MAX_PATH, printable
 if TYPE_CHECKING:
     from mcap.records import Channel, McapRecord, Schema
 
+MAGIC = b'\x89MCAP0\r\n'
+HEADER_CODE, FOOTER_CODE, SCHEMA_CODE, CHANNEL_CODE, MESSAGE_CODE, CHUNK_CODE = range(1, 7)
+MESSAGE_INDEX_CODE, CHUNK_INDEX_CODE = 7, 8
+STATISTICS_CODE, DATA_END_CODE = 11, 15
+#: Opcode and length of the content.
+RECORD = struct.Struct('<BQ')
+#: Channel, sequence, log time and publish time, before the data of the message.
+MESSAGE = struct.Struct('<BQHIQQ')
+#: First and last time, size, CRC, length of the name of the compression, which stands before the
+#: last field if it is not empty, and size of the data.
+CHUNK = struct.Struct('<BQQQQIIQ')
+#: Channel and size of the entries, which follow.
+MESSAGE_INDEX = struct.Struct('<BQHI')
+#: Offsets of the summary and of its own offsets, and CRC.
+FOOTER = struct.Struct('<BQQQI')
+
+# Sizes in bytes. A chunk index has an offset, and the statistics have a count, of each channel.
+DATA_END_BYTES = 13
+INDEX_ENTRY_BYTES = 16
+CHUNK_INDEX_BYTES = 73
+STATISTICS_BYTES = 55
+COUNT_BYTES = 10
+SUMMARY_OFFSET_BYTES = 26
+
+# Function that reads some bytes from an offset; fewer at the end.
+Read = Callable[[int, int], memoryview]
+
+_MAX_DEFINITION = 1 << 20  # bytes of a schema or channel
+_LONGEST_NAME = 16  # characters of the name of a compression
 _MAX_SUMMARY = 1 << 24
 _MAX_NAME = 1000  # characters of a topic or type
 _SPAN_BYTES = 1 << 20
+_MAX_SORTED = 100_000  # messages of a span
+_ITEM_BYTES = 600  # memory of a sorted message without its data
+_CUT = 'its chunk is cut off'  # not reported, because the file has a warning
+
+_Item = tuple[int, 'BagMessage | Damage']  # with its time
+
+
+def file_reader(file: int) -> Read:
+    """Return a function that reads from a file descriptor."""
+    return lambda offset, size: memoryview(os.pread(file, size, offset))
 
 
 @dataclass(frozen=True)
-class Span:
+class Record:
+    """A record of a file or of a chunk."""
+
+    opcode: int
+    begin: int
+    end: int
+
+    @property
+    def size(self) -> int:
+        """Size in bytes with opcode and length, as the record claims it."""
+        return self.end - self.begin
+
+
+def records(read: Read, begin: int, end: int) -> Iterator[Record]:
+    """
+    Yield the records between two offsets; only their heads are read.
+
+    :param read: function that reads the data.
+    :param begin: offset of the first record.
+    :param end: end of the data. The last record ends behind it if it is cut off or damaged.
+    """
+    while begin < end:
+        head = read(begin, min(RECORD.size, end - begin))
+        opcode, length = RECORD.unpack(head) if len(head) == RECORD.size else (0, 0)
+        if not opcode:  # no record has the opcode 0
+            length = end
+        record = Record(opcode, begin, begin + RECORD.size + length)
+        yield record
+        begin = record.end
+
+
+class MessageHead(NamedTuple):
+    """
+    The fields of a message before its data.
+
+    :param sequence: number of the message from its publisher.
+    :param log_ns: time of reception in nanoseconds.
+    :param publish_ns: time of publication in nanoseconds.
+    """
+
+    channel: int
+    sequence: int
+    log_ns: int
+    publish_ns: int
+
+
+def message_head(read: Read, record: Record) -> MessageHead | None:
+    """Return the head of a message; None if the record is too short."""
+    head = read(record.begin, min(MESSAGE.size, record.size))
+    return MessageHead(*MESSAGE.unpack(head)[2:]) if len(head) == MESSAGE.size else None
+
+
+def definition(read: Read, record: Record) -> Channel | Schema | None:
+    """Return the channel or schema in a record; None if it is damaged or too large."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import McapError
+    from mcap.records import Channel, Schema
+    if record.size > _MAX_DEFINITION:
+        return None
+    content = ReadDataStream(io.BytesIO(read(record.begin, record.size)[RECORD.size:]))
+    try:
+        return (Channel if record.opcode == CHANNEL_CODE else Schema).read(content)
+    except (McapError, ValueError, struct.error):
+        return None
+
+
+def summary_start(read: Read, size: int) -> int | None:
+    """Return the offset that the footer of a file of a size has; None if it has no footer."""
+    tail_bytes = FOOTER.size + len(MAGIC)
+    tail = read(max(0, size - tail_bytes), tail_bytes)
+    if len(tail) < tail_bytes or tail[FOOTER.size:] != MAGIC:
+        return None
+    opcode, length, start, _, _ = FOOTER.unpack_from(tail)
+    return start if (opcode, length) == (FOOTER_CODE, FOOTER.size - RECORD.size) else None
+
+
+class Part(NamedTuple):
+    """
+    A record and its place.
+
+    :param read: function that reads the record.
+    :param chunk: the chunk that contains the record; None for a record of the file itself.
+    :param reason: why the record, or its chunk, cannot be read; '' if it can be.
+    """
+
+    read: Read
+    record: Record
+    chunk: Record | None = None
+    reason: str = ''
+
+    @property
+    def damage(self) -> str:
+        """Sentence about a part that cannot be read and is not only cut off; else ''."""
+        if self.reason in ('', _CUT):
+            return ''
+        begin = (self.chunk or self.record).begin + RECORD.size
+        return f'the record at byte {begin} cannot be read: {self.reason}'
+
+
+def scan(
+    read: Read, begin: int, end: int, sizes: list[int], limit: int = MAX_BYTES,
+) -> Iterator[Part]:
+    """
+    Yield the records of a part of a file, and after each chunk its records.
+
+    A chunk of a few bytes may unpack to millions of empty records. No more of them are read than
+    the chunk has bytes in the file, because each record needs time.
+
+    :param read: function that reads the file.
+    :param begin: offset of the first record.
+    :param end: end of the part. A chunk that is cut off there has its whole records.
+    :param sizes: list to which the sizes of chunks in memory are added.
+    :param limit: largest size in bytes of a chunk that is read.
+    """
+    for record in records(read, begin, end):
+        is_cut = record.end > end
+        if record.opcode != CHUNK_CODE:
+            yield Part(read, record, reason='it has no end' if is_cut else '')
+            continue
+        yield Part(read, record)
+        try:
+            inner_read, first, last = _open_chunk(read, record, end, limit)
+        except BagError as err:
+            yield Part(read, record, record, _CUT if is_cut else str(err))
+            continue
+        if inner_read is not read:
+            sizes.append(last - first)
+        for count, inner in enumerate(records(inner_read, first, last)):
+            if count >= record.size:
+                yield Part(read, record, record, 'it has more records than bytes')
+                break
+            yield Part(inner_read, inner, record, '' if inner.end <= last else _CUT if is_cut
+                       else 'a record in it has no end')
+
+
+def _open_chunk(read: Read, record: Record, end: int, limit: int) -> tuple[Read, int, int]:
+    """
+    Return the records of a chunk: a function that reads them, and offsets of begin and end.
+
+    :raises BagError: the chunk cannot be read; the message does not name the file.
+    """
+    head = read(record.begin, min(CHUNK.size + _LONGEST_NAME, record.size))
+    if len(head) < CHUNK.size:
+        raise BagError('its head is cut off')
+    *_, size, crc, name_bytes, _ = CHUNK.unpack_from(head)
+    begin = CHUNK.size + name_bytes
+    if name_bytes > _LONGEST_NAME or len(head) < begin:
+        raise BagError('its head is damaged')
+    compression = bytes(head[CHUNK.size - 8:begin - 8]).decode(errors='replace')
+    length = int.from_bytes(head[begin - 8:begin], 'little')
+    begin += record.begin
+    is_cut = record.end > end
+    if not compression and is_cut:
+        return read, begin, min(begin + length, end)
+    if is_cut or begin + length > record.end:
+        raise BagError(f'it claims {length} bytes, more than there are')
+    if max(size, length) > limit:
+        raise BagError(f'it claims {max(size, length)} bytes; more than {limit} are not read')
+    if not compression and not crc:
+        return read, begin, begin + length
+    data = read(begin, length)
+    if len(data) < length:
+        raise BagError('it is cut off')
+    content = decompress(data, compression, size) if compression else data
+    if crc and zlib.crc32(content) != crc:
+        raise BagError('its checksum is wrong')
+    return lambda offset, count: content[offset:offset + count], 0, len(content)
+
+
+class Span(NamedTuple):
     """
     A part of a file with whole records.
 
@@ -79,25 +291,42 @@ class Contents:
     _types: dict[int, tuple[str, str]] = field(default_factory=dict)
     _texts: Texts = field(default_factory=Texts)
 
-    def add_schema(self, schema: Schema) -> None:
-        """Add the name and the text of a type for the channels that follow."""
-        if schema.id not in self._types:
-            self._types[schema.id] = schema.name[:_MAX_NAME], (
-                self._texts.keep(schema.data) if schema.encoding == 'ros2msg' else '')
+    def define(self, found: Channel | Schema) -> None:
+        """Add the topic of a channel, unless its name is too long, or a type for channels."""
+        from mcap.records import Channel
+        if isinstance(found, Channel):
+            if len(found.topic) <= _MAX_NAME and found.id not in self.channels:
+                type_name, text = self._types.get(found.schema_id, ('', ''))
+                qos = found.metadata.get('offered_qos_profiles', '')[:MAX_TEXT]
+                self.channels[found.id] = BagTopic(
+                    found.topic, type_name, found.message_encoding[:_MAX_NAME], text,
+                    self._texts.keep(qos.encode()))
+        elif found.id not in self._types:
+            self._types[found.id] = found.name[:_MAX_NAME], (
+                self._texts.keep(found.data) if found.encoding == 'ros2msg' else '')
 
-    def add_channel(self, channel: Channel) -> None:
-        """Add the topic of a channel, unless its name is too long."""
-        if len(channel.topic) <= _MAX_NAME and channel.id not in self.channels:
-            type_name, text = self._types.get(channel.schema_id, ('', ''))
-            qos = channel.metadata.get('offered_qos_profiles', '')[:MAX_TEXT]
-            self.channels[channel.id] = BagTopic(
-                channel.topic, type_name, channel.message_encoding[:_MAX_NAME], text,
-                self._texts.keep(qos.encode()))
+    def add(self, part: Part) -> int | None:
+        """Add a part of the file; return the time of a message or of a damaged part."""
+        record = part.record
+        if part.reason:  # the span reports it
+            return max(self.times, default=0) if part.damage else None
+        if record.opcode == MESSAGE_CODE:
+            head = message_head(part.read, record)
+            if head and head.channel in self.channels:
+                self.counts[head.channel] += 1
+                times = *self.times, head.log_ns
+                self.times = min(times), max(times)
+                return head.log_ns
+        elif record.opcode in (SCHEMA_CODE, CHANNEL_CODE):
+            found = definition(part.read, record)
+            if found is not None:
+                self.define(found)
+        return None
 
 
 def read_contents(read: Read, size: int) -> Contents:
     """Find the contents of a file of a size in bytes, by its index if that is valid."""
-    return _read_index(read, size) or _Scan(read, size).contents
+    return _read_index(read, size) or _scan_contents(read, size)
 
 
 def _read_index(read: Read, size: int) -> Contents | None:
@@ -132,9 +361,9 @@ def _use_index(found: list[McapRecord], read: Read, size: int) -> Contents | Non
         counts=Counter(statistics.channel_message_counts), spans=spans,
         times=(statistics.message_start_time, statistics.message_end_time))
     for schema in schemas.values():
-        contents.add_schema(schema)
+        contents.define(schema)
     for channel in channels.values():
-        contents.add_channel(channel)
+        contents.define(channel)
     return contents
 
 
@@ -147,61 +376,33 @@ def _are_chunks(spans: list[Span], read: Read, size: int) -> bool:
             CHUNK_CODE, span.begin, span.end) for span in spans)
 
 
-class _Scan:
-    """The contents of a file by the heads of its records."""
-
-    def __init__(self, read: Read, size: int) -> None:
-        self.contents = Contents()
-        self._read = read
-        begin = end = len(MAGIC)
-        first_ns: int | None = None  # of the messages since ``begin``
-        sizes: list[int] = []
-        for record in records(read, end, size):
+def _scan_contents(read: Read, size: int) -> Contents:
+    """Return the contents of a file by the heads of its records."""
+    contents = Contents()
+    begin = end = len(MAGIC)
+    first_ns: int | None = None  # of the messages since ``begin``
+    sizes: list[int] = []
+    for part in scan(read, begin, size, sizes):
+        record = part.record
+        if not part.chunk:
+            if first_ns is not None and end - begin + sum(sizes) >= _SPAN_BYTES:
+                contents.spans.append(Span(first_ns, begin, end))
+                begin, first_ns = end, None
+                sizes.clear()
             is_cut = record.end > size
             if is_cut:
-                self.contents.cut_at = end
+                contents.cut_at = end
             if record.opcode == DATA_END_CODE or (is_cut and record.opcode != CHUNK_CODE):
                 break
-            record_begin, end = end, min(record.end, size)
-            for time_ns in self._define_and_count(record_begin, end, sizes):
-                first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
-            if first_ns is not None and end - begin + sum(sizes) >= _SPAN_BYTES:
-                self.contents.spans.append(Span(first_ns, begin, end))
-                begin, first_ns, sizes = end, None, []
-        else:
-            self.contents.cut_at = end
-        if first_ns is not None:
-            self.contents.spans.append(Span(first_ns, begin, end))
-
-    def _define_and_count(self, begin: int, end: int, sizes: list[int]) -> Iterator[int]:
-        """Add the definitions in a part of the file, and yield the times of its items."""
-        from mcap.records import Channel, Schema
-        contents = self.contents
-        for read, record in flat_records(self._read, begin, end, sizes):
-            if isinstance(record, Damage):
-                yield contents.times[-1] if contents.times else 0  # its span reports it
-                continue
-            if record.opcode == MESSAGE_CODE:
-                head = message_head(read, record)
-                if head and head.channel in contents.channels:
-                    contents.counts[head.channel] += 1
-                    times = *contents.times, head.log_ns
-                    contents.times = min(times), max(times)
-                    yield head.log_ns
-            elif record.opcode == SCHEMA_CODE:
-                schema = definition(Schema, read, record)
-                if schema is not None:
-                    contents.add_schema(schema)
-            elif record.opcode == CHANNEL_CODE:
-                channel = definition(Channel, read, record)
-                if channel is not None:
-                    contents.add_channel(channel)
-
-
-_MAX_SORTED = 100_000  # messages of a span
-_ITEM_BYTES = 600  # memory of a sorted message without its data
-
-_Item = tuple[int, 'BagMessage | Damage']  # with its time
+            end = min(record.end, size)
+        time_ns = contents.add(part)
+        if time_ns is not None:
+            first_ns = time_ns if first_ns is None else min(first_ns, time_ns)
+    else:
+        contents.cut_at = end
+    if first_ns is not None:
+        contents.spans.append(Span(first_ns, begin, end))
+    return contents
 
 
 class McapReader:
@@ -243,7 +444,7 @@ class McapReader:
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:
         wanted = {channel: topic for channel, topic in self._channels.items() if topic in topics}
-        waiting = deque(sorted(self._spans, key=lambda span: (span.start_ns, span.begin)))
+        waiting = deque(sorted(self._spans))
         # Parts of the file whose times overlap, by the time of their next message, and the sizes
         # of their chunks and sorted messages in memory.
         opened: list[tuple[int, int, BagMessage | Damage, Iterator[_Item], list[int]]] = []
@@ -276,14 +477,15 @@ class McapReader:
     def _unsorted_items(
         self, span: Span, wanted: dict[int, BagTopic], sizes: list[int],
     ) -> Iterator[_Item]:
-        for read, found in flat_records(self._read, span.begin, span.end, sizes):
-            if isinstance(found, Damage):
-                yield span.start_ns, Damage(f'{self._name}: {found.reason}')
-            elif found.opcode == MESSAGE_CODE:
-                head = message_head(read, found)
+        for part in scan(self._read, span.begin, span.end, sizes):
+            found = part.record
+            if part.damage:
+                yield span.start_ns, Damage(f'{self._name}: {part.damage}')
+            elif found.opcode == MESSAGE_CODE and not part.reason:
+                head = message_head(part.read, found)
                 if head is not None and head.channel in wanted:
                     begin = found.begin + MESSAGE.size
-                    load = partial(self._load, read, begin, found.end - begin)
+                    load = partial(self._load, part.read, begin, found.end - begin)
                     yield head.log_ns, BagMessage(
                         wanted[head.channel], head.log_ns, load, head.publish_ns, head.sequence)
 

@@ -12,11 +12,17 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Opening of the files of a bag, which metadata.yaml of rosbag2 names."""
+"""
+A bag of one or several files: its topics, and its messages in their order.
+
+A folder of rosbag2 has its files in the order of ``metadata.yaml``.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 import os
@@ -26,11 +32,17 @@ import re
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
-from opencv_tools.bags.reading import BagReader
-from opencv_tools.base.regular_files import open_regular
+from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, Damage
+from opencv_tools.base.regular_files import natural_order, open_regular
 from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable
 
+__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'open_bag_file', 'read_file_names']
+
+#: Extensions of bags.
+BAG_SUFFIXES = ('.mcap', '.db3')
+_METADATA = 'metadata.yaml'
+_ROS1_SUFFIX = '.bag'
 _KEY = 'relative_file_paths'
 _KEY_DEPTH = 2  # mappings around the key
 _MAX_BYTES = 1 << 20
@@ -82,12 +94,6 @@ def read_file_names(path: Path) -> list[str]:
     except (yaml.YAMLError, ValueError) as err:
         raise BagError(f'it is not YAML: {printable(err)}') from err
     raise BagError(f'it has no {_KEY} in its first {_MAX_BYTES} bytes')
-
-
-#: Extensions of bags.
-BAG_SUFFIXES = ('.mcap', '.db3')
-_METADATA = 'metadata.yaml'
-_ROS1_SUFFIX = '.bag'
 
 
 def is_bag(path: Path) -> bool:
@@ -165,3 +171,59 @@ def open_bag_file(path: Path) -> BagReader:
     :raises OSError: the file cannot be read.
     """
     return Db3Reader(path) if path.suffix.lower() == '.db3' else McapReader(path)
+
+
+class Bag:
+    """
+    A bag whose files are read one after the other.
+
+    Their order is that of ``metadata.yaml``, or else the natural order of their names. The bag is
+    used by one thread at a time.
+    """
+
+    def __init__(self, path: Path, files: Sequence[Path] = ()) -> None:
+        """
+        Find the topics of a bag.
+
+        :param path: path of a file, or of a folder of rosbag2.
+        :param files: files of the bag; empty for those of the path.
+        :raises BagError: a file cannot be read as a bag.
+        :raises OSError: a file cannot be read.
+        """
+        #: Name of the bag in messages.
+        self.name = printable(path, MAX_PATH)
+        found = BagFiles([*files]) if files else bag_files(path)
+        #: Files of the bag, in their order.
+        self.paths = found.paths if found.are_ordered else sorted(found.paths, key=natural_order)
+        #: Sentences about parts of the bag that are missing.
+        self.warnings = [found.warning] if found.warning else []
+        #: Number of messages of each topic.
+        self.topics: Counter[BagTopic] = Counter()
+        times: list[int] = []
+        for file in self.paths:
+            with closing(open_bag_file(file)) as reader:
+                self.topics.update(reader.topics)
+                self.warnings += [reader.warning] if reader.warning else []
+                times += [reader.first_ns, reader.last_ns] if any(reader.topics.values()) else []
+        #: Times of the first and the last message, in nanoseconds; 0 for an empty bag.
+        self.first_ns, self.last_ns = min(times, default=0), max(times, default=0)
+        self._reader: BagReader | None = None
+
+    def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:
+        """
+        Yield the messages of some topics.
+
+        :param topics: topics to read.
+        :raises BagError: a file cannot be read as a bag.
+        :raises OSError: a file cannot be read.
+        """
+        for file in self.paths:
+            self._reader = open_bag_file(file)
+            yield from self._reader.messages(topics)
+            self.close()
+
+    def close(self) -> None:
+        """Close the file that is being read."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None

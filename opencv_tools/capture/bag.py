@@ -24,7 +24,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.base.units import NANO

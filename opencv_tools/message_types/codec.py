@@ -21,14 +21,27 @@ message in a field is a dict, numbers in arrays are a numpy array, other arrays 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+from itertools import repeat
+from operator import itemgetter
+import struct
 from typing import Any, Literal
 
 import numpy as np
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import CdrError
-from opencv_tools.message_types.definition import (
-    Array, Field, PLACEHOLDER, PRIMITIVES, TypeDefinition)
+from opencv_tools.message_types.definition import Array, Field, PLACEHOLDER, TypeDefinition
+from opencv_tools.message_types.plan import ALIGNMENT, is_number, Steps, structs, TypePlan, TYPES
+
+_HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
+_ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}
+_COUNT_BYTES = 4
+# Functions that pack a number of values or bytes, by the alignment of its begin.
+_PACK_COUNT = [struct.Struct(f'<{-begin % 4}xI').pack for begin in range(_COUNT_BYTES)]
+_MAX_BYTES = 1 << 30  # of a message that is written
+_MAX_VALUES = 1 << 19  # messages and strings in a message, each of which takes time and memory
+_MAX_SHOWN = 40  # characters of a value in an error
 
 
 def convert_numbers(value: Any, dtype: np.dtype[Any]) -> np.ndarray[Any, Any] | None:
@@ -62,15 +75,6 @@ def convert_numbers(value: Any, dtype: np.dtype[Any]) -> np.ndarray[Any, Any] | 
     return np.array(numbers, dtype) if fits else None
 
 
-_HEAD_SIZE = 4  # bytes that identify the encapsulation; fields are aligned from their end
-_ORDERS: dict[bytes, Literal['<', '>']] = {b'\0\0': '>', b'\0\1': '<'}
-_TYPES = {name: np.dtype(found.dtype) for name, found in PRIMITIVES.items() if found.dtype}
-_COUNT = np.dtype('u4')
-_MAX_BYTES = 1 << 30  # of a message that is written
-_MAX_VALUES = 1 << 19  # messages and strings in a message, each of which takes time and memory
-_MAX_SHOWN = 40  # characters of a value in an error
-
-
 class MessageCodec:
     """
     Convert messages of one type to and from CDR.
@@ -85,6 +89,7 @@ class MessageCodec:
         :raises CdrError: the type has wide strings.
         """
         self._type = definition
+        self._readers: dict[bytes, _Read] = {}
         for name, each in definition.types.items():
             for field in each.fields:
                 if field.base == 'wstring':
@@ -100,9 +105,9 @@ class MessageCodec:
         :raises CdrError: a field is unknown, its value does not have its type, or the message has
             more than 1 GiB, or more than 524288 messages and strings.
         """
-        writer = _Writer(self._type)
-        writer.message(self._type.name, message)
-        return writer.finish()
+        data = bytearray()
+        self._write(data, message, _Values())
+        return b'\0\1\0\0' + data
 
     def read(self, serialized: Any) -> dict[str, Any]:
         """
@@ -114,203 +119,313 @@ class MessageCodec:
         :raises CdrError: the bytes are not plain CDR, are too few, have a string that is not
             UTF-8, or have more than 524288 messages and strings.
         """
-        return _Reader(self._type, serialized).message(self._type.name)
-
-
-class _Values:
-    """Counts the messages and strings in a message."""
-
-    def __init__(self) -> None:
-        self._count = 0
-
-    def count(self, name: str) -> None:
-        """
-        Count a value.
-
-        :raises CdrError: there are too many.
-        """
-        self._count += 1
-        if self._count > _MAX_VALUES:
-            raise CdrError(f'{name} follows {_MAX_VALUES} messages and strings, which are the '
-                           'most in a message')
-
-
-class _Reader:
-    """
-    Reads fields one after the other.
-
-    Each value takes at least one byte, so the number of values is limited by that of the bytes.
-    """
-
-    def __init__(self, definition: TypeDefinition, serialized: Any) -> None:
         data = memoryview(serialized)
         if not data.c_contiguous or not data.nbytes:  # such a view cannot be cast
             data = memoryview(data.tobytes())
         data = data.cast('B').toreadonly()
-        order = _ORDERS.get(bytes(data[:2]))
-        if order is None or len(data) < _HEAD_SIZE:
+        head = bytes(data[:2])
+        if head not in _ORDERS or len(data) < _HEAD_SIZE:
             raise CdrError(f'{len(data)} bytes that are not plain CDR')
-        self._definitions = definition.types
+        if head not in self._readers:
+            self._readers[head] = _ReadPlan(self._type, _ORDERS[head]).message(self._type.name)
+        message: dict[str, Any] = self._readers[head](data[_HEAD_SIZE:], 0, _Values())[0]
+        return message
+
+    @cached_property
+    def _write(self) -> _Write:
+        return _WritePlan(self._type).message(self._type.name)
+
+
+class _Values:
+    """Number of messages and strings that a message may still have."""
+
+    def __init__(self) -> None:
+        self.left = _MAX_VALUES
+
+
+# Reads a value from an offset of the data; returns it and the offset of its end.
+_Read = Callable[[memoryview, int, _Values], tuple[Any, int]]
+# Appends a value to the data.
+_Write = Callable[[bytearray, Any, _Values], None]
+
+
+class _ReadPlan(TypePlan[_Read]):
+    """
+    Reading of fields one after the other.
+
+    Each value takes at least one byte, so the number of values is limited by that of the bytes.
+    """
+
+    def __init__(self, definition: TypeDefinition, order: Literal['<', '>']) -> None:
+        super().__init__(definition)
         self._order = order
-        self._data = data[_HEAD_SIZE:]
-        self._position = 0
-        self._values = _Values()
+        self._count = struct.Struct(f'{order}I').unpack_from
 
-    def message(self, name: str) -> dict[str, Any]:
-        """Read the fields of a message."""
-        return {field.name: value for field in self._definitions[name].fields
-                for value in (self._field(field),) if field.name != PLACEHOLDER}
+    def _message(self, name: str, field: str, steps: Steps[_Read]) -> _Read:
+        named = [('' if is_number(run[0]) else run[0].name, step) for step, run in steps]
+        is_empty = any(each.name == PLACEHOLDER for _, run in steps for each in run)
 
-    def _field(self, field: Field) -> Any:
-        if field.array is Array.NONE:
-            return self._value(field)
-        count = field.size
-        if field.array is not Array.FIXED:
-            count = int(self._numbers(_COUNT, 1)[0])
-            if field.array is Array.BOUNDED and count > field.size:
-                raise CdrError(f'{field.name} has {count} values, at most {field.size} are '
-                               'allowed')
-        if field.base in _TYPES:
-            return self._numbers(_TYPES[field.base], count)
-        if count > len(self._data) - self._position:
-            raise CdrError(f'{field.name} has {count} values, but only '
-                           f'{len(self._data) - self._position} bytes follow')
-        return [self._value(field) for _ in range(count)]
+        def read(data: memoryview, position: int, values: _Values) -> tuple[Any, int]:
+            if field:
+                values.left -= 1
+                if values.left < 0:
+                    raise _too_many(field)
+            message: dict[str, Any] = {}
+            for name, step in named:
+                if name:
+                    message[name], position = step(data, position, values)
+                else:
+                    numbers, position = step(data, position, values)
+                    message.update(numbers)
+            if is_empty:
+                del message[PLACEHOLDER]
+            return message, position
+        return read
 
-    def _value(self, field: Field) -> Any:
-        if field.base not in _TYPES:
-            self._values.count(field.name)
-            return self.message(field.base) if field.is_message else self._string(field)
-        return self._numbers(_TYPES[field.base], 1)[0].item()
+    def _run(self, fields: Sequence[Field]) -> _Read:
+        """Return the function for consecutive numbers, which returns them by name."""
+        names = [field.name for field in fields]
+        ways = [(found.unpack_from, found.size) for found in structs(fields, self._order)]
 
-    def _string(self, field: Field) -> str:
-        size = int(self._numbers(_COUNT, 1)[0])
-        content = bytes(self._bytes(size)).removesuffix(b'\0')
-        try:
-            return content.decode()
-        except UnicodeDecodeError as err:
-            raise CdrError(f'{field.name} is not UTF-8: {err}') from err
+        def read(data: memoryview, position: int, values: _Values) -> tuple[Any, int]:
+            unpack, size = ways[position % ALIGNMENT]
+            if position + size > len(data):
+                for field in fields:  # one of them is cut off
+                    width = TYPES[field.base].itemsize
+                    position = _checked_begin(data, position, width, width) + width
+            return zip(names, unpack(data, position)), position + size
+        return read
 
-    def _numbers(self, dtype: np.dtype[Any], count: int) -> np.ndarray[Any, Any]:
-        if count:
-            self._bytes(-self._position % dtype.itemsize)
-        found = np.frombuffer(self._bytes(count * dtype.itemsize), dtype.newbyteorder(self._order))
-        if dtype.kind == 'b':  # any other byte than 0 and 1 would be an invalid bool of numpy
-            return found.view(np.uint8) != 0
-        return found
+    def _string(self, field: Field) -> _Read:
+        unpack = self._count
 
-    def _bytes(self, size: int) -> memoryview:
-        end = self._position + size
-        if end > len(self._data):
-            raise CdrError(f'{len(self._data)} bytes, but at least {end} belong to the message')
-        taken = self._data[self._position:end]
-        self._position = end
-        return taken
+        def read(data: memoryview, position: int, values: _Values) -> tuple[Any, int]:
+            values.left -= 1
+            if values.left < 0:
+                raise _too_many(field.name)
+            begin = _checked_begin(data, position, _COUNT_BYTES, _COUNT_BYTES) + _COUNT_BYTES
+            end = begin + unpack(data, begin - _COUNT_BYTES)[0]
+            if end > len(data):
+                raise _too_few(data, end)
+            try:
+                return bytes(data[begin:end]).removesuffix(b'\0').decode(), end
+            except UnicodeDecodeError as err:
+                raise CdrError(f'{field.name} is not UTF-8: {err}') from err
+        return read
+
+    def _numbers(self, field: Field) -> _Read:
+        dtype = TYPES[field.base].newbyteorder(self._order)
+        alignment, is_bool = dtype.itemsize, dtype.kind == 'b'
+        read_count = self._counted(field)
+
+        def read(data: memoryview, position: int, values: _Values) -> tuple[Any, int]:
+            count, position = read_count(data, position, values)
+            size = count * alignment
+            if size:
+                position = _checked_begin(data, position, alignment, size)
+            found = np.frombuffer(data[position:position + size], dtype)
+            if is_bool:  # any other byte than 0 and 1 would be an invalid bool of numpy
+                found = found.view(np.uint8) != 0
+            return found, position + size
+        return read
+
+    def _values(self, field: Field, one: _Read) -> _Read:
+        read_count = self._counted(field)
+
+        def read(data: memoryview, position: int, values: _Values) -> tuple[Any, int]:
+            count, position = read_count(data, position, values)
+            if count > len(data) - position:
+                raise CdrError(f'{field.name} has {count} values, but only '
+                               f'{len(data) - position} bytes follow')
+            found = []
+            for _ in range(count):
+                value, position = one(data, position, values)
+                found.append(value)
+            return found, position
+        return read
+
+    def _counted(self, field: Field) -> _Read:
+        """Return the function for the number of values of an array."""
+        unpack = self._count
+        most = field.size if field.array is Array.BOUNDED else 2**32
+
+        def read(data: memoryview, position: int, values: _Values) -> tuple[Any, int]:
+            begin = _checked_begin(data, position, _COUNT_BYTES, _COUNT_BYTES)
+            count = unpack(data, begin)[0]
+            if count > most:
+                raise CdrError(f'{field.name} has {count} values, at most {most} are allowed')
+            return count, begin + _COUNT_BYTES
+
+        if field.array is Array.FIXED:
+            return lambda data, position, values: (field.size, position)
+        return read
 
 
-class _Writer:
-    """Writes fields one after the other."""
+def _too_many(name: str) -> CdrError:
+    return CdrError(f'{name} follows {_MAX_VALUES} messages and strings, which are the most in a '
+                    'message')
 
-    def __init__(self, definition: TypeDefinition) -> None:
-        self._definitions = definition.types
-        self._data = bytearray()
-        self._values = _Values()
 
-    def finish(self) -> bytes:
-        return b'\0\1\0\0' + self._data
+def _checked_begin(data: memoryview, position: int, alignment: int, size: int) -> int:
+    """Return the aligned offset of some bytes that the data have."""
+    begin = position + -position % alignment
+    if begin + size > len(data):
+        raise _too_few(data, begin if begin > len(data) else begin + size)
+    return begin
 
-    def message(self, name: str, values: Mapping[str, Any]) -> None:
-        """Write the fields of a message."""
-        if not isinstance(values, Mapping):
-            raise CdrError(f'{_shown(values)} is not a mapping of the fields of {name}')
-        fields = self._definitions[name].fields
-        unknown = [*values.keys() - {field.name for field in fields}]
-        if unknown:
-            raise CdrError(f"{name} has no field '{printable(unknown[0], _MAX_SHOWN)}'")
-        for field in fields:
-            value = values.get(field.name)
-            self._field(field, field.default if value is None else value)
 
-    def _field(self, field: Field, value: Any) -> None:
-        if field.array is Array.NONE:
-            self._value(field, value)
-            return
-        if field.base in _TYPES:
-            values: Any = self._array(field, value)
-        elif value is None:
-            values = range(field.size) if field.array is Array.FIXED else ()
-        elif isinstance(value, Sequence) and not isinstance(value, str | bytes):
-            values = value
-        else:
-            raise CdrError(f'{field.name} is an array, not {_shown(value)}')
-        count = len(values)
-        if (count != field.size if field.array is Array.FIXED
-                else field.array is Array.BOUNDED and count > field.size):
-            raise CdrError(f'{field.name} has {count} values, {field.size} are '
-                           + ('required' if field.array is Array.FIXED else 'the most'))
-        if field.array is not Array.FIXED:
-            self._numbers(np.array([count], _COUNT))
-        if field.base in _TYPES:
-            self._numbers(values)
-        else:
-            for each in values:
-                self._value(field, None if value is None else each)
+def _too_few(data: memoryview, end: int) -> CdrError:
+    return CdrError(f'{len(data)} bytes, but at least {end} belong to the message')
 
-    def _value(self, field: Field, value: Any) -> None:
-        if field.base not in _TYPES:
-            self._values.count(field.name)
-        if field.is_message:
-            self.message(field.base, {} if value is None else value)
-        elif field.base == 'string':
-            self._string(field, '' if value is None else value)
-        else:
-            self._numbers(self._checked(field, [0 if value is None else value]))
 
-    def _string(self, field: Field, value: Any) -> None:
-        if not isinstance(value, str):
-            raise CdrError(f'{field.name} is a string, not {_shown(value)}')
-        try:
-            content = value.encode()
-        except UnicodeEncodeError as err:
-            raise CdrError(f'{field.name} cannot be written as UTF-8: {err}') from err
-        if b'\0' in content:
-            raise CdrError(f'{field.name} contains a NUL, which a string cannot have')
-        if field.string_size and len(content) > field.string_size:
-            raise CdrError(f'{field.name} has {len(content)} bytes, at most {field.string_size} '
-                           'are allowed')
-        self._check_room(field, len(content))
-        self._numbers(np.array([len(content) + 1], _COUNT))
-        self._data += content + b'\0'
+class _WritePlan(TypePlan[_Write]):
+    """Writing of fields one after the other."""
 
-    def _array(self, field: Field, value: Any) -> np.ndarray[Any, Any]:
-        dtype = _TYPES[field.base]
-        if value is None:
-            count = field.size if field.array is Array.FIXED else 0
-            self._check_room(field, count * dtype.itemsize)
-            return np.zeros(count, dtype)
-        if isinstance(value, bytes | bytearray):
-            value = np.frombuffer(value, np.uint8)
-        return self._checked(field, value)
+    def _message(self, name: str, field: str, steps: Steps[_Write]) -> _Write:
+        names = frozenset(each.name for _, run in steps for each in run)
+        named = [('', None, step) if is_number(run[0]) else (run[0].name, run[0].default, step)
+                 for step, run in steps]
 
-    def _checked(self, field: Field, value: Any) -> np.ndarray[Any, Any]:
-        """Return values as an array of the type of a field, if it can represent them."""
-        try:
-            converted = convert_numbers(value, _TYPES[field.base])
-        except (BufferError, TypeError, ValueError, OverflowError) as err:
-            raise CdrError(f'{field.name} is {field.base}, not {_shown(value)}') from err
-        if converted is None:
-            raise CdrError(f'{field.name} is {field.base}, which {_shown(value)} does not fit')
-        self._check_room(field, converted.nbytes)
-        return converted
+        def write(data: bytearray, message: Any, values: _Values) -> None:
+            if field:
+                values.left -= 1
+                if values.left < 0:
+                    raise _too_many(field)
+                message = {} if message is None else message
+            if type(message) is not dict and not isinstance(message, Mapping):
+                raise CdrError(f'{_shown(message)} is not a mapping of the fields of {name}')
+            if not message.keys() <= names:
+                unknown = next(iter(message.keys() - names))
+                raise CdrError(f"{name} has no field '{printable(unknown, _MAX_SHOWN)}'")
+            for key, default, step in named:
+                value = message.get(key) if key else message
+                step(data, default if value is None else value, values)
+        return write
 
-    def _check_room(self, field: Field, size: int) -> None:
-        if len(self._data) + size > _MAX_BYTES:
-            raise CdrError(f'{field.name} exceeds {_MAX_BYTES} bytes, which a message may have')
+    def _run(self, fields: Sequence[Field]) -> _Write:
+        """Return the function for consecutive numbers of a message, which it receives."""
+        ways = [(found.pack, found.size) for found in structs(fields, '<')]
+        kinds = [type(TYPES[field.base].type().item()) for field in fields]
+        names = [field.name for field in fields]
+        get = itemgetter(*names) if len(names) > 1 else lambda message: (message[names[0]],)
 
-    def _numbers(self, values: np.ndarray[Any, Any]) -> None:
-        if values.size:
-            self._data += bytes(-len(self._data) % values.itemsize)
-            self._data += values.astype(values.dtype.newbyteorder('<'), copy=False).tobytes()
+        def write(data: bytearray, message: Any, values: _Values) -> None:
+            pack, size = ways[len(data) % ALIGNMENT]
+            try:
+                found = get(message) if type(message) is dict else ()
+                if [*map(type, found)] == kinds and len(data) + size <= _MAX_BYTES:
+                    data += pack(*found)
+                    return
+            except (KeyError, OverflowError, struct.error):
+                pass  # a default follows, or the error of a number
+            for field in fields:
+                value = message.get(field.name)
+                default = 0 if field.default is None else field.default
+                number = _checked(field, data, [default if value is None else value])
+                data += bytes(-len(data) % number.itemsize)
+                data += number.tobytes()
+        return write
+
+    def _string(self, field: Field) -> _Write:
+        limit = field.string_size or 2**32
+
+        def write(data: bytearray, value: Any, values: _Values) -> None:
+            values.left -= 1
+            if values.left < 0:
+                raise _too_many(field.name)
+            if value is None:
+                value = ''
+            if not isinstance(value, str):
+                raise CdrError(f'{field.name} is a string, not {_shown(value)}')
+            try:
+                content = value.encode()
+            except UnicodeEncodeError as err:
+                raise CdrError(f'{field.name} cannot be written as UTF-8: {err}') from err
+            if b'\0' in content:
+                raise CdrError(f'{field.name} contains a NUL, which a string cannot have')
+            size = len(content)
+            if size > limit:
+                raise CdrError(f'{field.name} has {size} bytes, at most {limit} are allowed')
+            if len(data) + size > _MAX_BYTES:
+                raise _too_long(field)
+            data += _PACK_COUNT[len(data) % _COUNT_BYTES](size + 1)
+            data += content
+            data += b'\0'
+        return write
+
+    def _numbers(self, field: Field) -> _Write:
+        dtype, write_count = TYPES[field.base], self._counted(field)
+
+        def write(data: bytearray, value: Any, values: _Values) -> None:
+            if type(value) is not np.ndarray or value.dtype != dtype or value.ndim != 1:
+                value = _array(field, data, value)
+            size = value.nbytes
+            if len(data) + size > _MAX_BYTES:
+                raise _too_long(field)
+            write_count(data, len(value), values)
+            if size:
+                data += bytes(-len(data) % dtype.itemsize)
+                data += value.tobytes()
+        return write
+
+    def _values(self, field: Field, one: _Write) -> _Write:
+        write_count = self._counted(field)
+        default_count = field.size if field.array is Array.FIXED else 0
+
+        def write(data: bytearray, value: Any, values: _Values) -> None:
+            if value is not None and (
+                    not isinstance(value, Sequence) or isinstance(value, str | bytes)):
+                raise CdrError(f'{field.name} is an array, not {_shown(value)}')
+            write_count(data, default_count if value is None else len(value), values)
+            for each in repeat(None, default_count) if value is None else value:
+                one(data, each, values)
+        return write
+
+    def _counted(self, field: Field) -> _Write:
+        """Return the function for the number of values of an array."""
+        is_fixed = field.array is Array.FIXED
+        least = field.size if is_fixed else 0
+        most = 2**32 if field.array is Array.UNBOUNDED else field.size
+
+        def write(data: bytearray, count: Any, values: _Values) -> None:
+            if not least <= count <= most:
+                raise CdrError(f'{field.name} has {count} values, {field.size} are '
+                               + ('required' if is_fixed else 'the most'))
+            if not is_fixed:
+                data += _PACK_COUNT[len(data) % _COUNT_BYTES](count)
+        return write
+
+
+def _array(field: Field, data: bytearray, value: Any) -> np.ndarray[Any, Any]:
+    """Return the numbers of an array, zeros without a value."""
+    if value is None:
+        count = field.size if field.array is Array.FIXED else 0
+        _check_room(field, data, count * TYPES[field.base].itemsize)
+        return np.zeros(count, TYPES[field.base])
+    if isinstance(value, bytes | bytearray):
+        value = np.frombuffer(value, np.uint8)
+    return _checked(field, data, value)
+
+
+def _checked(field: Field, data: bytearray, value: Any) -> np.ndarray[Any, Any]:
+    """Return values as an array of the type of a field, if it can represent them."""
+    try:
+        converted = convert_numbers(value, TYPES[field.base])
+    except (BufferError, TypeError, ValueError, OverflowError) as err:
+        raise CdrError(f'{field.name} is {field.base}, not {_shown(value)}') from err
+    if converted is None:
+        raise CdrError(f'{field.name} is {field.base}, which {_shown(value)} does not fit')
+    _check_room(field, data, converted.nbytes)
+    return converted
+
+
+def _check_room(field: Field, data: bytearray, size: int) -> None:
+    if len(data) + size > _MAX_BYTES:
+        raise _too_long(field)
+
+
+def _too_long(field: Field) -> CdrError:
+    return CdrError(f'{field.name} exceeds {_MAX_BYTES} bytes, which a message may have')
 
 
 def _shown(value: Any) -> str:

@@ -25,7 +25,7 @@ from urllib.parse import parse_qs, urlsplit
 from chromium import Browser, Page
 from conftest import recorded_files
 import numpy as np
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage
 from opencv_tools.image.cdr import cdr_to_image
 from pages import Camera, numbered_frame, Viewer

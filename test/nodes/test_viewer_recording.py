@@ -29,7 +29,7 @@ from typing import Any
 from conftest import NodeProcess, read_manifest, recorded_files
 import cv2
 import numpy as np
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage
 from opencv_tools.image.cdr import cdr_to_compressed_image, cdr_to_image
 import pytest

@@ -22,7 +22,7 @@ import shutil
 from threading import Event
 
 from console import Console
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.recording import file_sink as module
 from opencv_tools.recording.errors import LimitReached
 from opencv_tools.recording.open_sink import open_bag_sink

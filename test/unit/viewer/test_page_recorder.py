@@ -26,7 +26,7 @@ from typing import Any
 
 from console import Console
 import numpy as np
-from opencv_tools.bags.bag import Bag
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.schemas import IMAGE
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import (
