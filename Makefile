@@ -1,5 +1,6 @@
 # make demo          run both nodes on a video and compare the recorded frames pixel by pixel
-# make lint          check the source: ruff, flake8, pep257, mypy, copyright, package.xml
+# make lint          check the source: ruff, flake8, pep257, mypy, copyright, package.xml, and types
+#                    of the pages with tsc, if npm is there
 # make test          build the package with colcon and run its quick tests
 # make test-changed  run the quick tests that the difference from main reaches
 # make test-thorough run all targets from test-slow to test-arm64, two at a time

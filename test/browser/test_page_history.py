@@ -32,7 +32,7 @@ RESTARTED = f'factOf("{TOPIC}", "restarted")'
 #: A history whose clock the test moves, and the points of its curves.
 _HISTORY = """
 (async () => {
-  const { History } = await import('/page/history.js');
+  const { History } = await import('/page/chart.js');
   const element = tileOf('/video_frames').querySelector('.history').cloneNode(true);
   tileOf('/video_frames').append(element);
   const history = new History(element);

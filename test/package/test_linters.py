@@ -12,12 +12,13 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Linters of ROS 2 Jazzy, ruff and mypy."""
+"""Linters of ROS 2 Jazzy, ruff, mypy, and the types of the pages."""
 
 from __future__ import annotations
 
 import hashlib
 from importlib.metadata import distributions
+import json
 from pathlib import Path
 import re
 import shutil
@@ -139,6 +140,56 @@ def test_licence_header_of_source_files() -> None:
 @pytest.mark.xmllint
 def test_xmllint() -> None:
     check(tool('ament_xmllint', 'sudo apt install python3-ament-xmllint'), 'package.xml')
+
+
+#: Options of tsc. The pages do without the checks of null, as the elements of a page exist.
+TYPES = {'allowJs': True, 'checkJs': True, 'strict': True, 'strictNullChecks': False,
+         'noImplicitAny': False, 'declaration': True, 'emitDeclarationOnly': True,
+         'target': 'esnext', 'module': 'esnext', 'moduleResolution': 'bundler', 'types': [],
+         'lib': ['esnext', 'dom', 'dom.iterable']}
+#: Pages; the second one uses a module of the first one.
+PAGES = [str(ROOT / 'opencv_tools' / path) for path in ('viewer/page', 'robot/view/page')]
+
+
+def typescript(folder: Path) -> list[str]:
+    """Find the compiler tsc, or install it, where node is."""
+    if path := shutil.which('tsc'):
+        return [path]
+    install = [tool('npm', 'sudo apt install npm'), 'install', '--prefix', str(folder),
+               '--no-audit', '--no-fund', 'typescript@5.9']
+    done = subprocess.run(install, capture_output=True, timeout=LONGEST_SECONDS, check=False)
+    if done.returncode:
+        pytest.skip('npm cannot install TypeScript')
+    return [str(folder / 'node_modules' / '.bin' / 'tsc')]
+
+
+@pytest.fixture(scope='module')
+def declarations(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Check the types of the pages; return the declarations of what their modules export."""
+    folder = tmp_path_factory.mktemp('types')
+    (folder / 'three.d.ts').write_text('declare var THREE: any;\n')
+    (folder / 'tsconfig.json').write_text(json.dumps({
+        'compilerOptions': {**TYPES, 'rootDirs': PAGES, 'outDir': str(folder / 'out')},
+        'include': [*(f'{page}/*.js' for page in PAGES), 'three.d.ts'],
+        'exclude': [f'{PAGES[1]}/three.js']}))
+    check(*typescript(folder), '--project', str(folder))
+    return '\n'.join(path.read_text() for path in (folder / 'out').rglob('*.d.ts'))
+
+
+@pytest.mark.process
+@pytest.mark.linter
+def test_types_of_the_pages(declarations: str) -> None:
+    assert 'import type { Request }' in declarations
+
+
+@pytest.mark.process
+@pytest.mark.linter
+def test_exported_functions_of_the_pages_have_types(declarations: str) -> None:
+    exported = re.findall(r'^export (?:declare )?function .*?;$', declarations,
+                          re.MULTILINE | re.DOTALL)
+    assert len(exported) > 20
+    assert [text for text in exported if re.search(r'\w+\??: any[,)]|^    \w+: any;', text,
+                                                   re.MULTILINE)] == []
 
 
 @pytest.mark.linter

@@ -89,7 +89,8 @@ class RobotClient(Page):
     @classmethod
     async def watch(cls, url: str) -> RobotClient:
         """Connect to a server, given the address that it has printed, and look at the robot."""
-        page = cls(await websocket_connect(url.replace('http', 'ws', 1) + 'robot/ws'))
+        page = cls(await websocket_connect(url.replace('http', 'ws', 1) + 'robot/ws'),
+                   'RobotAnswer')
         assert await page.text('hello') == {}
         await page.send(watch=True)
         return page

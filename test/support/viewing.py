@@ -29,6 +29,7 @@ from conftest import NodeProcess
 import cv2
 import numpy as np
 from opencv_tools.viewer.protocol import unpack_frame
+from page_messages import problems
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -57,11 +58,16 @@ class ShownPicture:
         return cv2.imdecode(np.frombuffer(self.data, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
+#: Shapes of the messages of the server, by the path of the WebSocket.
+SHAPES = {'/calibrate/ws': 'SessionAnswer', '/robot/ws': 'RobotAnswer'}
+
+
 class Page:
     """A connection as a page has it."""
 
-    def __init__(self, socket: WebSocketClientConnection) -> None:
+    def __init__(self, socket: WebSocketClientConnection, shape: str = 'Answer') -> None:
         self.socket = socket
+        self._shape = shape  # of the messages of the server
 
     @classmethod
     async def connect(cls, url: str, **headers: str) -> Page:
@@ -69,8 +75,9 @@ class Page:
         address = url.replace('http', 'ws', 1).replace('/?', '/ws?')
         if not address.partition('?')[0].endswith('/ws'):
             address += 'ws'
+        shape = next((shape for path, shape in SHAPES.items() if path in address), 'Answer')
         return cls(await websocket_connect(HTTPRequest(
-            address, headers=headers, validate_cert=False)))
+            address, headers=headers, validate_cert=False)), shape)
 
     async def send(self, **message: Any) -> None:
         await self.socket.write_message(json.dumps(message))
@@ -81,7 +88,9 @@ class Page:
         assert message is not None, f'closed: {self.socket.close_code}'
         if isinstance(message, bytes):
             return ShownPicture(*unpack_frame(message))
-        return json.loads(message)
+        answer = json.loads(message)
+        assert not (found := problems(answer, self._shape)), found
+        return answer
 
     async def text(self, key: str) -> Any:
         """Read until a text message with a key; return its value. Pictures are answered."""

@@ -27,8 +27,7 @@ from opencv_tools.robot.view.content import Content, to_json
 from opencv_tools.robot.view.mesh_files import NoMeshError
 
 #: Modules of the page, each after those that it imports.
-MODULES = ('motion.js', 'limits.js', 'shapes.js', 'robot.js', 'stage.js', 'panel.js', 'live.js',
-           'view.js')
+MODULES = ('motion.js', 'shapes.js', 'robot.js', 'stage.js', 'panel.js', 'live.js', 'view.js')
 INDEX, STYLE, LIBRARY = 'index.html', 'view.css', 'three.js'
 _TYPES = {'.css': 'text/css', '.html': 'text/html', '.js': 'text/javascript'}
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./[a-z]+\.js';\n", re.MULTILINE)

@@ -29,7 +29,7 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
 
 _TYPE, _SERVICE = 'sensor_msgs/srv/SetCameraInfo', 'set_camera_info'
-_RECTIFIED = 'image_rect'  # begin of the names of image_proc, as in rectified.js of the page
+_RECTIFIED = 'image_rect'  # begin of the names of image_proc, as in tiles.js of the page
 _MAX_NODES = 50
 
 

@@ -35,7 +35,7 @@ from sensor_msgs.msg import CameraInfo
 
 #: Largest size of a message in bytes; one of a camera has some hundreds.
 MAX_INFO_BYTES = 4096
-_RECTIFIED = 'image_rect'  # begin of the names of image_proc, as in rectified.js of the page
+_RECTIFIED = 'image_rect'  # begin of the names of image_proc, as in tiles.js of the page
 _STAMPED = 12  # bytes of a message up to the end of its stamp
 _MIDDLE = 0.5  # of the first pixel, which spans 0 to 1 on the page and is 0 in a camera_info
 

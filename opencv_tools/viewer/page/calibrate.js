@@ -12,30 +12,123 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { Board } from './calibrate_board.js';
-import { Overlay } from './calibrate_overlay.js';
-import { Result } from './calibrate_result.js';
-import { Views } from './calibrate_views.js';
+import { Board, Result, Views } from './calibrate_panel.js';
 import { Connection } from './connection.js';
-import { showName } from './text.js';
+import { createNotice, part, showName, showState, write } from './page.js';
+import { keep, readAddress } from './state.js';
 import { Tile } from './tile.js';
 
+/** @import { Session } from '../messages.js' */
+
 const REFRESH_MS = 500;
+const SAY_MS = 3000;
 const NOTICE_MS = 10000;
 const RATE = 15; // of the pictures in Hz; the search for the board needs the other time
-const STALLED_SECONDS = 2;
+const RADIUS = 3.5; // of a corner in pixels of the style sheet
+const FLASH_MS = 400;
+const KEPT_MS = 600; // of corners without a newer image
 
-const part = (id) => document.getElementById(id);
-const address = new URL(location);
-address.searchParams.delete('token');
-history.replaceState(null, '', address);
-const topic = address.searchParams.get('topic') ?? '';
+/** Corners and covered cells, drawn above a picture that fills its frame. */
+class Overlay {
+  #canvas = document.createElement('canvas');
+  #frame;
+  #corners = [];
+  #cells = [];
+  #isCovered = true;
+  #timer = 0;
+  #request = 0; // of the next drawing
+
+  /** @param frame element of the picture. */
+  constructor(frame) {
+    this.#frame = frame;
+    this.#canvas.className = 'overlay';
+    this.#canvas.setAttribute('aria-hidden', 'true');
+    frame.append(this.#canvas);
+    new ResizeObserver(() => this.#draw()).observe(frame);
+  }
+
+  set isCovered(isCovered) {
+    this.#isCovered = isCovered;
+    this.#draw();
+  }
+
+  /** Show corners, parts of the width and the height of the picture. */
+  see(corners) {
+    this.#corners = corners;
+    this.#canvas.dataset.corners = corners.length;
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => this.see([]), KEPT_MS);
+    if (!corners.length) clearTimeout(this.#timer);
+    this.#draw();
+  }
+
+  /** Show which cells have corners of views. */
+  cover(cells) {
+    this.#cells = cells;
+    this.#draw();
+  }
+
+  clear() {
+    this.#cells = [];
+    this.see([]);
+  }
+
+  /** Show that a view was taken. */
+  flash() {
+    this.#frame.classList.add('taken');
+    setTimeout(() => this.#frame.classList.remove('taken'), FLASH_MS);
+  }
+
+  /** Draw with the next picture of the screen, once for all changes before that. */
+  #draw() {
+    this.#request ||= requestAnimationFrame(() => {
+      this.#request = 0;
+      this.#drawAll();
+    });
+  }
+
+  #drawAll() {
+    const scale = devicePixelRatio;
+    const [width, height] = [this.#frame.clientWidth, this.#frame.clientHeight];
+    const size = [Math.round(width * scale), Math.round(height * scale)];
+    if (this.#canvas.width !== size[0]) [this.#canvas.width] = size; // a new size costs memory
+    if (this.#canvas.height !== size[1]) [, this.#canvas.height] = size;
+    const context = this.#canvas.getContext('2d');
+    context.setTransform(scale, 0, 0, scale, 0, 0);
+    context.clearRect(0, 0, width, height);
+    if (this.#isCovered) this.#drawCells(context, width, height);
+    context.lineWidth = 1.5;
+    context.strokeStyle = '#00231a';
+    context.fillStyle = '#3df5b0';
+    for (const [x, y] of this.#corners) {
+      context.beginPath();
+      context.arc(x * width, y * height, RADIUS, 0, 2 * Math.PI);
+      context.fill();
+      context.stroke();
+    }
+  }
+
+  #drawCells(context, width, height) {
+    const rows = this.#cells.length;
+    context.lineWidth = 1;
+    context.strokeStyle = 'rgb(255 255 255 / 0.5)';
+    context.fillStyle = 'rgb(40 200 130 / 0.18)';
+    this.#cells.forEach((row, y) => row.forEach((count, x) => {
+      const cell = [x * width / row.length, y * height / rows, width / row.length, height / rows];
+      if (count) context.fillRect(...cell);
+      context.strokeRect(...cell);
+    }));
+  }
+}
+
+keep({ token: '' });
+const topic = readAddress().get('topic') ?? '';
 const query = `topic=${encodeURIComponent(topic)}`;
-
+const notify = createNotice(NOTICE_MS);
+/** @type {number[]} */
 let widths = [];
-let mood = 'lost';
+/** @type {Session | null} */
 let state = null;
-let noticeTimer = 0;
 let shownNotice = '';
 
 const pictures = new Connection({
@@ -43,8 +136,8 @@ const pictures = new Connection({
     ({ widths } = hello);
     tile.reset();
   },
-  disconnected(sentence) {
-    if (sentence) notify(sentence);
+  disconnected(text) {
+    if (text) notify(text, false);
   },
   received(message) {
     if (message.topics && tile.refusal) tile.reset();
@@ -55,76 +148,57 @@ const pictures = new Connection({
     }
     if (message.error) tile.refusal = message.error;
   },
-  frame(bytes) {
-    tile.draw(bytes);
-  },
+  frame: (bytes) => tile.draw(bytes),
 });
 const tile = new Tile(topic, pictures);
 tile.link.removeAttribute('aria-label'); // it leads nowhere here
 part('picture').append(tile.element);
-const overlay = new Overlay(tile.link, topic);
+const overlay = new Overlay(tile.link);
 
 const session = new Connection({
   connected(hello) {
-    mood = 'live';
     board.connected(hello);
     result.connected(hello);
     tile.name = hello.topic;
     notify('');
     show();
   },
-  disconnected(sentence) {
-    mood = 'lost';
+  disconnected(text) {
     state = null;
     overlay.clear();
-    if (sentence) notify(sentence);
+    if (text) notify(text, false);
     show();
   },
   received(message) {
     if (message.state) receiveState(message.state);
     if (message.seen) {
       overlay.see(message.seen.corners);
-      write('capture', sentence(message.seen.capture));
+      write(part('capture'), sentence(message.seen.capture));
     }
-    if (message.error) notify(sentence(message.error), NOTICE_MS);
+    if (message.error) notify(sentence(message.error));
   },
 }, `/calibrate/ws?${query}`);
 
-const send = (message) => session.send(message);
-const board = new Board(send);
-const views = new Views(send);
-const result = new Result(send, query);
+const board = new Board(session.send);
+const views = new Views(session.send);
+const result = new Result(session.send, query);
 
 /** Return a text of the server as a sentence. */
 function sentence(text) {
   return text && `${text[0].toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? '' : '.'}`;
 }
 
-/** Write a text if it is another one, because a screen reader reads each change. */
-function write(id, text) {
-  if (part(id).textContent !== text) part(id).textContent = text;
-}
-
-/** Show a sentence below the head of the page; '' removes it. */
-function notify(text, milliseconds = 0) {
-  part('notice').textContent = text;
-  part('notice').hidden = !text;
-  clearTimeout(noticeTimer);
-  if (text && milliseconds) noticeTimer = setTimeout(() => notify(''), milliseconds);
-}
-
+/** Use the state of the session. @param {Session} received */
 function receiveState(received) {
   const before = state;
   state = received;
   if (state.notice !== shownNotice) {
     shownNotice = state.notice;
-    notify(sentence(state.notice), NOTICE_MS);
+    notify(sentence(state.notice));
   }
   if (before && state.views.length > before.views.length) overlay.flash();
   overlay.cover(state.board ? state.cells : []);
-  board.show(state);
-  views.show(state);
-  result.show(state);
+  for (const one of [board, views, result]) one.show(state);
   show();
 }
 
@@ -138,30 +212,29 @@ function nextStep() {
 
 /** Show the state of the page, the next step, and ask for pictures. */
 function show() {
-  const present = mood === 'live' && session.silence > STALLED_SECONDS ? 'stalled' : mood;
-  const words = { live: 'Live', stalled: 'Stalled', lost: 'Connecting' };
-  part('state').dataset.state = present;
-  write('state', words[present]);
-  write('hint', sentence(nextStep()));
-  if (!state?.board) write('capture', '');
+  showState(session.mood);
+  write(part('hint'), sentence(nextStep()));
+  if (!state?.board) write(part('capture'), '');
   const width = widths.find((step) => step >= tile.view.width) ?? 0;
   tile.ask(!document.hidden, { width, rate: RATE });
-  tile.show(present);
+  tile.show(session.mood);
 }
 
 /** Say the next step and the newest view to a screen reader, but not each change. */
 function say() {
   if (!state) return;
   const count = state.views.length === 1 ? '1 view' : `${state.views.length} views`;
-  write('said', `${part('hint').textContent} ${count}.`);
+  write(part('said'), `${part('hint').textContent} ${count}.`);
 }
 
-part('coverage').addEventListener('change', () => { overlay.isCovered = part('coverage').checked; });
+part('coverage').addEventListener('change', () => {
+  overlay.isCovered = part('coverage').checked;
+});
 part('back').href = `/?${query}`;
 showName(part('title'), `Calibrate ${topic}`);
 document.title = `Calibrate ${topic}`;
 document.addEventListener('visibilitychange', show);
 addEventListener('resize', show);
 setInterval(() => document.hidden || show(), REFRESH_MS);
-setInterval(say, 3000);
+setInterval(say, SAY_MS);
 show();

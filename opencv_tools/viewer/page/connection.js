@@ -12,6 +12,15 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+/**
+ * @import { Request, RobotRequest, SessionRequest } from '../messages.js'
+ * @typedef Listener what uses the messages of the server.
+ * @property {(hello: any) => void} connected
+ * @property {(sentence: string) => void} disconnected
+ * @property {(message: any) => void} received
+ * @property {(bytes: ArrayBuffer) => void} [frame]
+ */
+
 const FIRST_RETRY_MS = 500;
 const LAST_RETRY_MS = 5000;
 const PING_MS = 1000;
@@ -19,6 +28,7 @@ const SILENCE_MS = 12000; // a large picture on a slow link takes seconds
 const ANSWER_MS = 3000;
 const CLOCK_SAMPLES = 40;
 const FIRST_PINGS = 4;
+const STALLED_SECONDS = 2; // two pings without an answer
 
 /** Return the time of the page in seconds; changes of the system clock have no effect. */
 const now = () => (performance.timeOrigin + performance.now()) / 1000;
@@ -47,13 +57,11 @@ export class Connection {
   #retryMs = FIRST_RETRY_MS;
   #retry = 0;
   #heard = 0;
+  #isGreeted = false; // by the server, so that the page may ask
 
   /**
-   * Connect.
-   *
-   * @param listener has connected(), disconnected(sentence), received(message) and
-   *   frame(view of the bytes).
-   * @param path of the WebSocket.
+   * @param {Listener} listener
+   * @param {string} path of the WebSocket.
    */
   constructor(listener, path = '/ws') {
     this.#listener = listener;
@@ -73,14 +81,21 @@ export class Connection {
     return now() + this.#clock.offset;
   }
 
+  /** Whether the server sends messages: 'live', 'stalled' or 'lost'. */
+  get mood() {
+    if (!this.#isGreeted) return 'lost';
+    return this.#silence > STALLED_SECONDS ? 'stalled' : 'live';
+  }
+
   /** Seconds since the last message of the server. */
-  get silence() {
+  get #silence() {
     return now() - this.#heard;
   }
 
-  send(message) {
+  /** Send a message. @type {(message: Request | SessionRequest | RobotRequest) => void} */
+  send = (message) => {
     if (this.isOpen) this.#socket.send(JSON.stringify(message));
-  }
+  };
 
   #open() {
     clearTimeout(this.#retry);
@@ -96,7 +111,7 @@ export class Connection {
   #receive(data) {
     this.#heard = now();
     if (data instanceof ArrayBuffer) {
-      this.#listener.frame(data);
+      this.#listener.frame?.(data);
       return;
     }
     const message = JSON.parse(data);
@@ -104,6 +119,7 @@ export class Connection {
       this.#retryMs = FIRST_RETRY_MS;
       this.#clock = new Clock();
       this.#ping();
+      this.#isGreeted = true;
       this.#listener.connected(message.hello);
     } else if (message.pong) {
       this.#clock.add(message.pong, now(), message.now);
@@ -121,6 +137,7 @@ export class Connection {
     this.#socket.onmessage = this.#socket.onclose = null;
     this.#socket.close();
     this.#socket = null;
+    this.#isGreeted = false;
     this.#listener.disconnected(sentence);
     if (document.hidden) return;
     this.#retry = setTimeout(() => this.#open(), this.#retryMs);
@@ -141,7 +158,7 @@ export class Connection {
 
   #check(silenceMs) {
     if (!this.#socket || document.hidden) return;
-    if (this.silence > silenceMs / 1000) this.#close();
+    if (this.#silence > silenceMs / 1000) this.#close();
     else this.#ping();
   }
 

@@ -14,6 +14,9 @@
 
 import { showChart } from './chart.js';
 
+/** @import { Request } from '../messages.js' */
+/** @import { Tile } from './tile.js' */
+
 const CROSS = 12; // pixels of an arm
 const AGAIN_MS = 200; // between two questions of a kind, while the cursor rests
 
@@ -35,11 +38,10 @@ export class Look {
   #follows = false; // the pointer over another picture
 
   /**
-   * Begin without a cursor.
-   *
-   * @param tile has view, picture, isVideo, context and element.
-   * @param send sends a message to the server.
-   * @param onPoint called with the place of the cursor as parts of the width and the height.
+   * @param {Tile} tile
+   * @param {(message: Request) => void} send sends a message to the server.
+   * @param {(place?: number[]) => void} onPoint called with the place of the cursor as parts of
+   *   the width and the height.
    */
   constructor(tile, send, onPoint) {
     this.onPoint = onPoint;
@@ -116,7 +118,7 @@ export class Look {
     this.#drawLine();
     this.#tile.link.classList.toggle('draws', kind === 'profile');
     for (const button of this.#tile.element.querySelectorAll('.look [aria-pressed]')) {
-      button.setAttribute('aria-pressed', String(button.dataset.look === kind));
+      button.ariaPressed = String(button.dataset.look === kind);
     }
   }
 
@@ -149,11 +151,18 @@ export class Look {
     last.isOld = text !== last.text || picture !== last.picture;
     if (picture < 0 || last.waits) return;
     if (rest > 0 && (text === last.text || kind !== 'pixel')) {
-      if (last.isOld) this.#later ||= setTimeout(() => { this.#later = 0; this.ask(); }, rest);
+      if (last.isOld) this.#askLater(rest);
       return;
     }
     this.#asked[kind] = { text, picture, waits: true, at: now };
     this.#send({ [kind]: name, picture, ...details });
+  }
+
+  #askLater(milliseconds) {
+    this.#later ||= setTimeout(() => {
+      this.#later = 0;
+      this.ask();
+    }, milliseconds);
   }
 
   /** Use an answer of the server. */
@@ -161,8 +170,11 @@ export class Look {
     const asked = this.#asked[kind];
     if (!asked) return;
     asked.waits = false;
-    if (kind === this.chart) showChart(this.#chart, kind, answer);
-    else if (kind === 'pixel' && this.#cursor) this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);
+    if (kind === this.chart) {
+      showChart(this.#chart, kind, answer);
+    } else if (kind === 'pixel' && this.#cursor) {
+      this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);
+    }
     if (asked.isOld) this.ask();
   }
 

@@ -12,7 +12,10 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { keep } from './address.js';
+import { part } from './page.js';
+import { keep, readAddress } from './state.js';
+
+/** @import { Tile } from './tile.js' */
 
 const SVG = 'http://www.w3.org/2000/svg';
 const NAMES = ['boxes', 'center', 'outline', 'grid', 'cross']; // of fields, and in the address
@@ -22,17 +25,14 @@ const LETTER = 14; // pixels of the height of a label
 
 /** Form with the overlays, which are kept in the address. */
 export class OverlayForm {
-  #form = document.getElementById('overlays');
+  #form = part('overlays');
+  /** @type {string[]} */
   #published = [];
   #isOpen = false;
 
-  /**
-   * Read the overlays of the address.
-   *
-   * @param onChange called after a change.
-   */
+  /** Read the overlays of the address. @param {() => void} onChange called after a change. */
   constructor(onChange) {
-    const { searchParams: given } = new URL(location);
+    const given = readAddress();
     for (const name of NAMES) {
       const value = given.get(name) ?? '';
       const field = this.#form.elements[name];
@@ -48,7 +48,10 @@ export class OverlayForm {
     this.list([]);
   }
 
-  /** Overlays by the name of the field; those without a value are not chosen. */
+  /**
+   * Overlays by the name of the field; those without a value are not chosen.
+   * @returns {Record<string, any>}
+   */
   get chosen() {
     const values = new FormData(this.#form);
     return Object.fromEntries(NAMES.map((name) => [name, values.get(name)]));
@@ -61,9 +64,11 @@ export class OverlayForm {
   }
 
   /** Whether boxes are chosen that are published. */
-  get hasBoxes() { return this.#published.includes(this.chosen.boxes); }
+  get hasBoxes() {
+    return this.#published.includes(this.chosen.boxes);
+  }
 
-  /** Use the list of the published topics with boxes. */
+  /** Use the list of the topics with boxes. @param {string[]} published */
   list(published) {
     this.#published = published;
     const { boxes } = this.#form.elements;
@@ -81,7 +86,7 @@ export class OverlayForm {
     }
   }
 
-  /** Show the form on the page with one topic, if it is open. */
+  /** Show the form on the page with one topic, if it is open. @param {boolean} isOne */
   show(isOne) {
     this.#form.hidden = !isOne || !this.#isOpen;
   }
@@ -97,7 +102,7 @@ export class Overlay {
   #isEmpty = true;
   #part = (name) => this.#tile.element.querySelector(`.overlay ${name}`);
 
-  /** @param tile has name, connection, element, view, picture, link and canvas. */
+  /** @param {Tile} tile */
   constructor(tile) {
     this.#tile = tile;
     tile.view.onPlace = () => this.#draw();
@@ -113,9 +118,8 @@ export class Overlay {
 
   /**
    * Draw overlays, and ask for them if that is not what was asked last.
-   *
-   * @param chosen values of the form.
-   * @param request what the server is asked for; null for nothing.
+   * @param {Record<string, any>} chosen values of the form.
+   * @param {OverlayForm['request'] | null} request what the server is asked for; null for nothing.
    */
   show(chosen, request) {
     const { name, connection } = this.#tile;

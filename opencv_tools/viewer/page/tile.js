@@ -12,12 +12,15 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { History } from './history.js';
+import { History } from './chart.js';
 import { Look } from './look.js';
 import { Overlay } from './overlay.js';
-import { age, number, size, rate, showName } from './text.js';
+import { age, make, number, part, rate, showName, size } from './page.js';
 import { Video } from './video.js';
 import { View } from './view.js';
+
+/** @import { Connection } from './connection.js' */
+/** @import { Status, Topic } from '../messages.js' */
 
 const RETRY_MS = 30000; // until the video is tried again after errors of the decoder
 const PLACE = 24; // in the head: part of the image and its size, six numbers
@@ -27,9 +30,12 @@ const AGES = 30;
 
 /** Picture of one topic with its facts. */
 export class Tile {
-  element = document.getElementById('tile').content.firstElementChild.cloneNode(true);
+  element = part('tile').content.firstElementChild.cloneNode(true);
+  /** @type {Partial<Status>} */
   status = {};
+  /** @type {Topic | null} */
   topic = null;
+  /** @type {number[] | null} */
   range = null;
   colors = ''; // of depth; '' for the first ones
   isRectified = false; // whether the tile of the rectified pictures is shown instead
@@ -48,10 +54,10 @@ export class Tile {
   #part = (name) => this.element.querySelector(name);
 
   /**
-   * Create a tile without a picture.
-   *
-   * @param onLook called after a zoom; undefined for a picture that nobody looks into.
-   * @param onPoint called with a place of the cursor.
+   * @param {string} name
+   * @param {Connection} connection
+   * @param {() => void} [onLook] called after a zoom; none for a picture that nobody looks into.
+   * @param {(place?: number[]) => void} [onPoint] called with a place of the cursor.
    */
   constructor(name, connection, onLook, onPoint) {
     this.name = name;
@@ -59,14 +65,14 @@ export class Tile {
     this.element.dataset.topic = name;
     showName(this.#part('.name'), name);
     this.canvas = this.#part('canvas');
-    this.canvas.setAttribute('aria-label', `Picture of ${name}`);
+    this.canvas.ariaLabel = `Picture of ${name}`;
     this.link = this.#part('.frame');
-    this.link.setAttribute('aria-label', `Show ${name}`);
+    this.link.ariaLabel = `Show ${name}`;
     this.context = this.canvas.getContext('2d', { alpha: false });
     this.view = new View(this.link, this.canvas);
     if (!onLook) return;
     this.#history = new History(this.#part('.history'));
-    this.look = new Look(this, (message) => connection.send(message), onPoint);
+    this.look = new Look(this, connection.send, onPoint);
     this.overlay = new Overlay(this);
     const { onPlace } = this.view;
     this.view.onPlace = () => {
@@ -101,9 +107,8 @@ export class Tile {
 
   /**
    * Return whether images are needed: somebody has looked into the picture.
-   *
-   * @param looks whether the picture is shown alone; the answer stays until it is not.
-   * @param isPaused whether the page is paused.
+   * @param {boolean} looks whether it is shown alone; the answer stays until it is not.
+   * @param {boolean} isPaused whether the page is paused.
    */
   needsImages(looks, isPaused) {
     this.#isLookedInto = looks
@@ -130,9 +135,8 @@ export class Tile {
 
   /**
    * Ask the server for pictures, or for none, if that is not what it was asked last.
-   *
-   * @param wanted whether somebody looks.
-   * @param options width, quality and rate.
+   * @param {boolean} wanted whether somebody looks.
+   * @param {Partial<import('../messages.js').Subscribe>} options
    */
   ask(wanted, options) {
     const { connection } = this;
@@ -149,7 +153,7 @@ export class Tile {
     if (!request.video || !wanted) this.#endVideo(true);
   }
 
-  /** Decode and draw a packet of video, then answer the server. */
+  /** Decode and draw a packet of video, then answer the server. @param {ArrayBuffer} bytes */
   decode(bytes) {
     this.#video ??= new Video({
       picture: (frame, head) => {
@@ -160,13 +164,15 @@ export class Tile {
       requestKey: () => this.connection.send({ key: this.name }),
       failed: () => {
         this.refusesVideo = true;
-        setTimeout(() => { this.refusesVideo = false; }, RETRY_MS);
+        setTimeout(() => {
+          this.refusesVideo = false;
+        }, RETRY_MS);
       },
     });
     this.#video.decode(bytes);
   }
 
-  /** Draw a frame, then answer the server, which sends the next one. */
+  /** Draw a frame, then answer the server. @param {ArrayBuffer} bytes */
   async draw(bytes) {
     const head = new DataView(bytes);
     const sequence = head.getUint32(4);
@@ -177,7 +183,9 @@ export class Tile {
         { type: 'image/jpeg' }));
       const sides = [picture.width, picture.height];
       const place = Array.from({ length: 6 }, (_, index) => head.getUint32(PLACE + 4 * index));
-      if (connected === this.#connected) this.#show(picture, sides, { sequence, stamp, sent }, place);
+      if (connected === this.#connected) {
+        this.#show(picture, sides, { sequence, stamp, sent }, place);
+      }
       picture.close();
     } catch {
       // A broken picture is left out; the next one may be good.
@@ -188,14 +196,16 @@ export class Tile {
   }
 
   /** Draw a picture of a part of an image, unless a newer one is shown. */
-  #show(picture, [width, height], { sequence, stamp, sent, isVideo = false }, place) {
+  #show(picture, sides, { sequence, stamp, sent, isVideo = false }, place) {
     if (sequence <= this.#drawn.sequence) return;
+    const [width, height] = sides;
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     this.context.drawImage(picture, 0, 0);
     this.#drawn = {
       sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
-      period: 1 / (this.status?.sent?.rate || Infinity), time: new Date().toLocaleTimeString(), isVideo,
+      period: 1 / (this.status?.sent?.rate || Infinity),
+      time: new Date().toLocaleTimeString(), isVideo,
     };
     this.#ages.push(this.#drawn.at - this.#drawn.from);
     this.#ages.splice(0, this.#ages.length - AGES);
@@ -228,11 +238,7 @@ export class Tile {
     return this.#isLate(now, this.#drawn.at) ? now - this.#drawn.from : this.#age;
   }
 
-  /**
-   * Show the facts.
-   *
-   * @param mood 'live', 'paused', 'stalled' or 'lost', of the whole page.
-   */
+  /** Show the facts. @param {'live' | 'paused' | 'stalled' | 'lost'} mood of the whole page. */
   show(mood) {
     const { connection, status } = this;
     const isFrozen = this.#isFrozen(connection.now, mood);
@@ -270,8 +276,8 @@ export class Tile {
     const list = this.#part('.facts');
     while (list.children.length > facts.length) list.lastElementChild.remove();
     facts.forEach(([name, text], place) => {
-      const row = list.children[place] ?? list.appendChild(document.createElement('div'));
-      if (!row.firstChild) row.append(...['dt', 'dd'].map((kind) => document.createElement(kind)));
+      const row = list.children[place]
+        ?? list.appendChild(make('div', {}, make('dt'), make('dd')));
       row.dataset.fact = name.toLowerCase();
       row.firstElementChild.textContent = name;
       row.lastElementChild.textContent = text;

@@ -15,7 +15,7 @@
 // A link from another site comes without the cookie. The browser may have one nevertheless.
 fetch('/topics').then((answer) => answer.ok && location.reload());
 
-const address = new URL(location);
+const address = new URL(location.href);
 document.getElementById('wrong').hidden = !address.searchParams.has('token');
 address.searchParams.delete('token');
 history.replaceState(null, '', address);

@@ -18,7 +18,7 @@ const TEST_MS = 2000;
 const REQUEST_MS = 1000;
 const MAX_FAILURES = 3;
 
-/** Return the number of the topic of a message, and whether the message has video. */
+/** Return the number of the topic, and whether it has video. @param {ArrayBuffer} bytes */
 export function readTopic(bytes) {
   const topic = new DataView(bytes).getUint32(0);
   return { id: topic % 2 ** 31, isVideo: topic >= 2 ** 31 };
@@ -27,7 +27,9 @@ export function readTopic(bytes) {
 /** Return the names of the codecs that this browser decodes; none on an insecure page. */
 export async function decodedCodecs() {
   if (!isSecureContext || !('VideoDecoder' in globalThis)) return [];
-  const late = new Promise((done) => { setTimeout(() => done({ supported: false }), TEST_MS); });
+  const late = new Promise((done) => {
+    setTimeout(() => done({ supported: false }), TEST_MS);
+  });
   const found = await Promise.all(Object.entries(TESTED).map(async ([name, codec]) => {
     const test = VideoDecoder.isConfigSupported({ codec, optimizeForLatency: true });
     const { supported } = await Promise.race([test, late]).catch(() => ({ supported: false }));
@@ -36,7 +38,7 @@ export async function decodedCodecs() {
   return found.filter(Boolean);
 }
 
-/** Return the sentence about a page that gets JPEG although there is video. */
+/** Return the sentence about JPEG although there is video. @param {string} host */
 export function explainJpeg(host) {
   if (isSecureContext) return 'This browser decodes no video here: pictures come as JPEG.';
   const { port } = location;
@@ -56,14 +58,14 @@ export class Video {
 
   /**
    * Create a decoder that waits for a key frame.
-   *
-   * @param listener has picture(frame, head), answer(sequence), requestKey() and failed().
+   * @param {{ picture: (frame: VideoFrame, head: any) => void, failed: () => void,
+   *   answer: (sequence: number) => void, requestKey: () => void }} listener
    */
   constructor(listener) {
     this.#listener = listener;
   }
 
-  /** Decode a message with a packet; each packet is answered once. */
+  /** Decode a message with a packet; each is answered once. @param {ArrayBuffer} bytes */
   decode(bytes) {
     const view = new DataView(bytes);
     const nameEnd = HEAD.end + view.getUint8(HEAD.name);

@@ -12,6 +12,8 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+/** @typedef {{ clientX: number, clientY: number }} Place */
+
 const MOST = 64; // pixels of the page for a pixel of the image
 const WHEEL = { speed: 0.002, most: 300, line: 33 }; // line: pixels of a wheel that counts lines
 const ENLARGED = 2; // a picture that is larger than this shows its pixels as squares
@@ -34,7 +36,11 @@ export class View {
   #turns = 0; // quarters, after the flip
   #isFlipped = false;
 
-  /** Place a picture, and place it again when its frame has another size. */
+  /**
+   * Place a picture, and place it again when its frame has another size.
+   * @param {HTMLAnchorElement} frame
+   * @param {HTMLCanvasElement} canvas
+   */
   constructor(frame, canvas) {
     this.#frame = frame;
     this.#canvas = canvas;
@@ -44,9 +50,9 @@ export class View {
 
   /**
    * Listen to the pointers in the frame, unless the frame is a link.
-   *
-   * @param onChange called after a zoom.
-   * @param onPointer called with an event of a pointer; returns whether it has another meaning.
+   * @param {() => void} onChange called after a zoom.
+   * @param {(event: PointerEvent) => boolean} onPointer called with an event of a pointer; returns
+   *   whether it has another meaning.
    */
   listen(onChange, onPointer) {
     const frame = this.#frame;
@@ -132,7 +138,7 @@ export class View {
     return this.matrix.inverse().transformPoint({ x: clientX - left, y: clientY - top });
   }
 
-  /** Return the pixel of the image at a place on the page; null outside of the image. */
+  /** Return the pixel at a place on the page; null outside of the image. @param {Place} place */
   pixel(place) {
     const { x, y } = this.#toImage(place);
     const pixel = [Math.floor(x), Math.floor(y)];
@@ -141,10 +147,9 @@ export class View {
 
   /**
    * Zoom, and keep a pixel at its place.
-   *
-   * @param scale pixels of the page for a pixel of the image; 0 fits the frame.
-   * @param from place on the page of the pixel; undefined for the one in the middle.
-   * @param to place on the page to which the pixel moves.
+   * @param {number} scale pixels of the page for a pixel of the image; 0 fits the frame.
+   * @param {Place} [from] place on the page of the pixel; none for the one in the middle.
+   * @param {Place} to place on the page to which the pixel moves.
    */
   zoom(scale, from, to = from) {
     const held = from && this.#toImage(from);
@@ -208,8 +213,8 @@ export class View {
     });
     this.#canvas.style.width = `${width}px`;
     this.#canvas.style.height = `${height}px`;
-    this.#canvas.style.transform = this.matrix.translate(x, y);
-    this.#line?.setAttribute('transform', this.matrix);
+    this.#canvas.style.transform = String(this.matrix.translate(x, y));
+    this.#line?.setAttribute('transform', String(this.matrix));
     this.#canvas.classList.toggle('enlarged', this.scale * devicePixelRatio > ENLARGED);
     this.#frame.classList.toggle('zoomed', Boolean(this.#scale));
     this.onPlace();

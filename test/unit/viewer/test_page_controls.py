@@ -73,8 +73,8 @@ CONTROLS = {
         'file'), PAGE)}
 
 #: Buttons that scripts create, in their order.
-CREATED = {'controls.js': [CAMERA, RECORDER],  # Start camera and Stop camera; recorders
-           'calibrate_views.js': [VIEW],
+CREATED = {'settings.js': [CAMERA, RECORDER],  # Start camera and Stop camera; recorders
+           'calibrate_panel.js': [VIEW],
            'panel.js': [PAGE, PAGE, PAGE]}
 
 #: Words of the messages that act on other nodes or on the disk.

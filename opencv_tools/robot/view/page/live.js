@@ -15,23 +15,24 @@
 // The live robot of img_viewer: a new robot, the positions of its joints, and their age.
 import { byId } from './panel.js';
 
-/**
- * Follow the robot until somebody moves a joint, and again after a click on Resume.
- *
- * @param onRobot called with each new document; may be a promise.
- * @param onMove called with pairs: the number of a joint and its position.
- * @param onError called with the text above the robot; '' for none.
- */
+/** Follow the robot until somebody moves a joint, and again after a click on Resume. */
 export class Live {
-  constructor({ onRobot, onMove, onError }) {
-    Object.assign(this, { onRobot, onMove, onError });
+  /**
+   * @param {object} listener
+   * @param {(found: any) => unknown} listener.onRobot called with each new document.
+   * @param {(positions: Iterable<[number, number[]]>) => void} listener.onMove called with the
+   *   numbers of joints and their positions.
+   * @param {(text: string) => void} listener.onError called with the text above the robot.
+   */
+  constructor(listener) {
+    this.listener = listener;
     this.version = 0; // of the robot that is shown
     this.newest = new Map(); // positions by number of the joint
     this.newestVersion = 0; // of the robot that they belong to
     this.isPaused = this.isLost = false;
-    this.isHeld = window.frameElement?.dataset.held === 'true';
+    this.isHeld = window.frameElement?.getAttribute('data-held') === 'true';
     this.isSeen = true;
-    const address = new URL(location);
+    const address = new URL(location.href);
     address.searchParams.delete('token');
     history.replaceState(null, '', address);
     document.body.dataset.part = address.searchParams.get('part') ?? 'page';
@@ -84,6 +85,7 @@ export class Live {
     this.show();
   }
 
+  /** @param {import('../../../viewer/messages.js').RobotAnswer} message */
   async receive({ state, version, positions }) {
     if (positions) {
       this.connection.send({ got: version });
@@ -105,7 +107,7 @@ export class Live {
     this.loading = version;
     try {
       const found = await (await fetch('robot.json')).json();
-      if (found.robots) await this.onRobot(found);
+      if (found.robots) await this.listener.onRobot(found);
       this.version = found.version;
       this.apply(this.newest);
     } catch (err) {
@@ -117,18 +119,18 @@ export class Live {
 
   apply(positions) {
     if (!this.isPaused && this.version && this.newestVersion === this.version) {
-      this.onMove(positions);
+      this.listener.onMove(positions);
     }
   }
 
   report(text) {
-    if (text !== this.error) this.onError(text);
+    if (text !== this.error) this.listener.onError(text);
     this.error = text;
   }
 
   /** Show whether the robot is live, and since when it is not. */
   show() {
-    const { state = { age: null, notes: [] } } = this;
+    const { state = { late: false, age: null, rate: 0, notes: [] } } = this;
     const age = state.age === null ? '' : `${state.age.toFixed(1)} s`;
     let [status, text] = ['late', 'Connecting'];
     if (this.isLost) text = 'No connection to img_viewer';

@@ -14,13 +14,14 @@
 
 // Forward kinematics, as robot/kinematics.py computes them.
 
-/** Return the matrix of 12 numbers: a rotation in row order, and a translation. */
+// 12 numbers are a rotation in row order, and a translation.
+/** @type {(numbers: number[]) => any} */
 export function matrixOf(numbers) {
   const [a, b, c, d, e, f, g, h, i, x, y, z] = numbers;
   return new THREE.Matrix4().set(a, b, c, x, d, e, f, y, g, h, i, z, 0, 0, 0, 1);
 }
 
-/** Return x, y, z, roll, pitch and yaw of a matrix. */
+/** Return x, y, z, roll, pitch and yaw. @param {{ elements: number[] }} matrix */
 export function poseOf(matrix) {
   const [a, d, g, , b, e, , , c, f, , , x, y, z] = matrix.elements;
   const level = Math.hypot(a, d);
@@ -35,10 +36,10 @@ const about = (axis, angle) => new THREE.Matrix4().makeRotationAxis(
 const along = (axis, distance) => new THREE.Matrix4().makeTranslation(
   ...axis.map((value) => value * distance));
 
-/** Return two directions across a normal, those of kinematics.py. */
+/** Return two directions across a normal. @type {(normal: number[]) => number[][]} */
 export function plane([x, y, z]) {
-  let u = Math.abs(x) < 0.55 ? [0, z, -y] : [-z, 0, x];
-  u = new THREE.Vector3(...u).normalize().toArray();
+  const across = Math.abs(x) < 0.55 ? [0, z, -y] : [-z, 0, x];
+  const u = new THREE.Vector3(...across).normalize().toArray();
   return [u, [y * u[2] - z * u[1], z * u[0] - x * u[2], x * u[1] - y * u[0]]];
 }
 

@@ -15,17 +15,26 @@
 // The panel: sliders, the tree, the numbers of the chosen link, and the files.
 import { poseOf } from './motion.js';
 
+/** @import { Motion } from './motion.js' */
+/** @typedef {Record<string, any>} Robot as content.py describes it. */
+/** @typedef {{ uri: string, size: number, reason: string, parts?: Record<string, number> }} Mesh */
+
 const MAX_ROWS = 3000;
 const MAX_DEPTH = 12; // deeper links are not indented further
 const MAX_FRAMES = 100; // of one link
 const PLACES = { floating: ['x', 'y', 'z', 'roll', 'pitch', 'yaw'], ball: ['roll', 'pitch', 'yaw'],
   planar: ['u', 'v', 'angle'], universal: ['axis 1', 'axis 2'] };
 
+/** @type {(id: string) => any} */
 export const byId = (id) => document.getElementById(id);
 
-/** Return a new element with properties and children; texts are never read as HTML. */
-function element(tag, properties = {}, ...children) {
-  const { data, ...others } = properties;
+/**
+ * Return a new element with properties and children; texts are never read as HTML.
+ * @param {string} tag
+ * @param {Record<string, any>} properties
+ * @param {...(Node | string)} children
+ */
+function element(tag, { data = {}, ...others } = {}, ...children) {
   const created = Object.assign(document.createElement(tag), others);
   Object.assign(created.dataset, data);
   created.append(...children);
@@ -35,7 +44,13 @@ function element(tag, properties = {}, ...children) {
 const digits = (value) => String(Number(value.toPrecision(6)));
 const joined = (values) => values.map((value) => digits(value)).join('  ');
 
-/** Fill a list with a slider for each number of each movable joint. */
+/**
+ * Fill a list with a slider for each number of each movable joint.
+ * @param {HTMLElement} list
+ * @param {Robot} robot
+ * @param {Motion} motion
+ * @param {(joint: number, index: number, value: number) => void} onMove
+ */
 export function fillSliders(list, robot, motion, onMove) {
   const rows = [];
   robot.joints.forEach((joint, number) => joint.spans.slice(0, joint.loop ? 0 : undefined).forEach(
@@ -74,7 +89,13 @@ export function fillSliders(list, robot, motion, onMove) {
   };
 }
 
-/** Fill a list with the links, each below its parent, and with the joints between them. */
+/**
+ * Fill a list with the links, each below its parent, and with the joints between them.
+ * @param {HTMLElement} list
+ * @param {Robot} robot
+ * @param {(link: number) => void} onChoose
+ * @returns {(chosen: number) => void} shows which link is chosen.
+ */
 export function fillTree(list, robot, onChoose) {
   const below = robot.links.map(() => []);
   for (const number of robot.order) below[robot.joints[number].parent].push(number);
@@ -116,8 +137,12 @@ function framesOf(robot) {
 
 /**
  * Fill a table with the numbers of a link and of its joint in every convention.
- *
- * @param onLine called with a convention and a line, when a number of a file is pressed.
+ * @param {HTMLElement} table
+ * @param {Robot} robot
+ * @param {Motion} motion
+ * @param {number} number
+ * @param {{ meshes: Mesh[], onLine: (convention: string, line: number) => void }} context onLine
+ *   is called when a number of a file is pressed.
  * @returns a function that shows the numbers at the present positions.
  */
 export function fillNumbers(table, robot, motion, number, { meshes, onLine }) {
@@ -190,7 +215,12 @@ export function fillNumbers(table, robot, motion, number, { meshes, onLine }) {
   };
 }
 
-/** Show the text of a file with one line marked. */
+/**
+ * Show the text of a file with one line marked.
+ * @param {HTMLDetailsElement} box
+ * @param {{ name: string, text: string, reason: string }} file
+ * @param {number} line
+ */
 export function showFile(box, { name, text, reason }, line) {
   box.querySelector('.name').textContent = reason ? `${name} ${reason}`.trim() : name;
   const lines = text.split('\n');
@@ -201,7 +231,12 @@ export function showFile(box, { name, text, reason }, line) {
   if (line) mark.scrollIntoView({ block: 'center' });
 }
 
-/** Fill a list with the differences between two robots. */
+/**
+ * Fill a list with the differences between two robots.
+ * @param {HTMLElement} list
+ * @param {Record<string, any>[]} differences
+ * @param {(difference: Record<string, any>) => void} onChoose
+ */
 export function fillDifferences(list, differences, onChoose) {
   list.append(...differences.map((one) => {
     const button = element('button', { type: 'button' },

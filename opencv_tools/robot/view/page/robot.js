@@ -32,8 +32,11 @@ const place = (object, numbers) => {
 /** One robot. Links are not nested, so that a chain may have any length. */
 export class RobotView {
   constructor(robot, { number, meshes, onLoaded, different = [] }) {
-    Object.assign(this, { robot, number });
+    this.robot = robot;
+    this.number = number;
     this.motion = new Motion(robot);
+    this.numbers = Object.fromEntries(['link', 'joint', 'frame'].map((one) => [one, new Map(
+      robot[`${one}s`].map((owner, place) => [owner.name, place]))])); // by name
     this.group = new THREE.Group();
     this.different = new Set(different);
     this.materials = [];
@@ -203,14 +206,11 @@ export class RobotView {
 
   /** Return the matrix of a link, joint or frame by its name. */
   matrixOfFrame(kind, name) {
-    this.numbers ??= Object.fromEntries(['link', 'joint', 'frame'].map((one) => [one, new Map(
-      this.robot[`${one}s`].map((owner, number) => [owner.name, number]))]));
     return this.motion[`${kind}s`][this.numbers[kind].get(name)];
   }
 
   /**
    * Show what belongs to a convention.
-   *
    * @param convention `urdf` or `sdf`.
    * @param shown names of the parts that are shown.
    */

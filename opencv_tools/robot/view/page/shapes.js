@@ -14,12 +14,85 @@
 
 // Shapes of links: simple bodies and meshes; what is not shown is a box of wire.
 
-import { checkCollada, checkGltf, checkObj, MeshError } from './limits.js';
-
 const WIRE_SIZE = 0.1; // of the box of a shape without a size, in metres
 const MAX_TRIANGLES = 5e6; // of all meshes of the page
 const MAX_PIXELS = 1e8; // of all textures of the page
 const MAX_REASON = 120; // characters of a library
+// Bounds of meshes, counted in their files before anything is built from them.
+const MAX_PARTS = 2e4; // objects of a mesh
+const MAX_COUNT = 5e6; // polygons of a list
+const MAX_STRIDE = 16; // numbers of an element of a source: a matrix
+const MAX_ZEROS = 1e6; // elements that a file only counts
+const GLB = 0x46546c67;
+const JSON_CHUNK = 0x4e4f534a;
+
+/** Why a mesh is not shown, as a sentence of the page. */
+class MeshError extends Error {}
+
+function checkParts(parts) {
+  if (!(parts <= MAX_PARTS)) throw new MeshError(`it has more than ${MAX_PARTS} parts`);
+}
+
+function checkCount(count, limit) {
+  if (count > limit) throw new MeshError('it is damaged: it counts more than it contains');
+}
+
+/** Check a Collada file: a node may contain other nodes several times. */
+function checkCollada(text) {
+  const file = new DOMParser().parseFromString(text, 'application/xml');
+  const nodes = new Map();
+  for (const node of file.querySelectorAll('node[id]')) {
+    nodes.set(node.id, [...(nodes.get(node.id) ?? []), node]);
+  }
+  const counts = new Map();
+  const sum = (found) => found.reduce((total, one) => total + count(one), 0);
+  const count = (node) => {
+    if (!counts.has(node)) {
+      counts.set(node, Infinity); // of a node that contains itself
+      const inside = [...node.children].map((one) => (one.nodeName === 'node' ? count(one)
+        : one.nodeName === 'instance_node'
+          ? sum(nodes.get((one.getAttribute('url') ?? '').slice(1)) ?? [])
+          : Number(one.nodeName.startsWith('instance_'))));
+      counts.set(node, inside.reduce((total, one) => total + one, 1));
+    }
+    return counts.get(node);
+  };
+  checkParts(sum([...file.querySelectorAll('visual_scene > node')]));
+  for (const one of file.querySelectorAll('accessor[stride]')) {
+    checkCount(parseInt(one.getAttribute('stride'), 10), MAX_STRIDE);
+  }
+  for (const one of file.querySelectorAll('polylist, polygons')) {
+    checkCount(parseInt(one.getAttribute('count'), 10), MAX_COUNT);
+  }
+  for (const one of file.querySelectorAll('vcount')) {
+    const texts = [...one.parentElement.children].filter(({ nodeName }) => /^[pv]$/.test(nodeName));
+    checkCount(one.textContent.trim().split(/\s+/).reduce((total, text) => total + Number(text), 0),
+      Math.max(0, ...texts.map(({ textContent }) => (textContent.length + 1) / 2)));
+  }
+}
+
+/** Check a binary glTF file: several nodes may have the same mesh. */
+function checkGltf(bytes) {
+  const view = new DataView(bytes);
+  if (view.getUint32(0, true) !== GLB) throw new MeshError('it is damaged');
+  for (let at = 12; at < view.byteLength;) {
+    const length = view.getUint32(at, true);
+    if (view.getUint32(at + 4, true) === JSON_CHUNK) {
+      const { nodes = [], meshes = [], accessors = [] } = JSON.parse(
+        new TextDecoder().decode(new Uint8Array(bytes, at + 8, length)));
+      checkParts(nodes.reduce(
+        (total, { mesh }) => total + 1 + (meshes[mesh]?.primitives.length ?? 0), 0));
+      checkCount(accessors.reduce((total, { count, bufferView, sparse }) => (
+        total + (bufferView === undefined || sparse ? count : 0)), 0), MAX_ZEROS);
+    }
+    at += 8 + length;
+  }
+}
+
+/** Check a Wavefront file: each object, group and material is a part. */
+function checkObj(text) {
+  checkParts(text.match(/^\s*(?:o|g|usemtl)\s/gm)?.length ?? 0);
+}
 
 /** Loads each mesh once, and no other file than those that belong to it. */
 export class Meshes {
@@ -173,7 +246,7 @@ const UNIT = { box: new THREE.BoxGeometry(), sphere: new THREE.SphereGeometry(1,
 
 const EDGES = new THREE.EdgesGeometry(new THREE.BoxGeometry(WIRE_SIZE, WIRE_SIZE, WIRE_SIZE));
 
-/** Return a simple body. */
+/** Return a simple body. @type {(geometry: any, material: object) => any} */
 function bodyOf({ kind, size, radii, radius, length, normal }, material) {
   if (kind === 'capsule') {
     return new THREE.Mesh(new THREE.CapsuleGeometry(radius, length, 6, 24).applyMatrix4(UPRIGHT),
@@ -197,12 +270,12 @@ function wireBox(reason, material) {
 
 /**
  * Fill a group with a shape.
- *
- * @param material of the body.
- * @param adopt returns the materials of a mesh as the robot shows them; if there is none, the mesh
- *   has `material`.
- * @param wire material of a box of wire.
- * @param onLoaded called when a mesh has been loaded, or has failed.
+ * @param {{ add: (object: object) => unknown }} group
+ * @param {{ geometry: Record<string, any> }} shape
+ * @param {{ material: object, adopt: ((found: object) => object) | false, wire: object,
+ *   meshes: Meshes, onLoaded: () => void }} context adopt returns the materials of a mesh as the
+ *   robot shows them; without it, the mesh has `material`. wire is that of a box of wire. onLoaded
+ *   is called when a mesh has been loaded, or has failed.
  */
 export function fillShape(group, { geometry }, { material, adopt, wire, meshes, onLoaded }) {
   if (geometry.kind === 'none') {

@@ -20,7 +20,10 @@ const KEPT_MS = 10000; // the browser has read the file by then
 
 export class Stage {
   constructor(box, { names, onChoose, beforeView }) {
-    Object.assign(this, { box, names, onChoose, beforeView });
+    this.box = box;
+    this.names = names;
+    this.onChoose = onChoose;
+    this.beforeView = beforeView;
     this.draws = 0;
     this.views = ['urdf'];
     this.wanted = false;
@@ -85,8 +88,7 @@ export class Stage {
     this.draws += 1;
     const { renderer, camera, scene } = this;
     this.light.position.copy(camera.position);
-    scene.background = new THREE.Color(
-      getComputedStyle(this.box).getPropertyValue('--backdrop').trim());
+    scene.background = new THREE.Color(getComputedStyle(this.box).backgroundColor);
     renderer.setScissorTest(true);
     const labels = [];
     for (const one of this.rectangles()) {

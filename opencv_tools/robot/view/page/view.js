@@ -23,6 +23,7 @@ import {
 
 const RETRY_MS = 2000;
 const embedded = byId('robot');
+/** @type {any} */
 let page; // what is shown: the document, the views of the robots, and what updates the panel
 let chosen = { robot: 0, link: 0 };
 let stage;
@@ -30,7 +31,9 @@ let live; // in img_viewer
 
 /** Return the parts that are switched on. */
 const shown = () => new Set(PARTS.filter((name) => byId(`show-${name}`).checked));
-const view = () => document.querySelector('input[name=view]:checked').value;
+/** @type {(selector: string) => any} */
+const find = (selector) => document.querySelector(selector);
+const view = () => find('input[name=view]:checked').value;
 
 const fit = () => page && stage?.fit(page.views.reduce(
   (box, one) => box.union(one.boundsWithAxes()), new THREE.Box3()));
@@ -83,7 +86,7 @@ function showChosen() {
 }
 
 function openFile(convention, line = 0) {
-  document.querySelector(`input[name=file][value=${convention}]`).checked = true;
+  find(`input[name=file][value=${convention}]`).checked = true;
   byId('file').open = true;
   showFile(byId('file'), page.views[chosen.robot].robot.files[convention], line);
 }
@@ -171,7 +174,7 @@ function show(found) {
   chosen = { ...chosen, link: Math.max(0, link), isTinted: chosen.isTinted && link >= 0 };
   showChosen();
   showFile(byId('file'), robot.files[robot.files.given], 0);
-  document.querySelector(`input[name=file][value=${robot.files.given}]`).checked = true;
+  find(`input[name=file][value=${robot.files.given}]`).checked = true;
   update();
   fade();
   adjust();
@@ -252,16 +255,14 @@ function start() {
     document.body.dataset.view = view();
     adjust();
   });
-  for (const input of document.querySelectorAll('input[name=file]')) {
-    input.addEventListener('change', () => openFile(input.value));
-  }
+  byId('file').addEventListener('change', ({ target }) => openFile(target.value));
   if (embedded) show(JSON.parse(embedded.textContent));
   else follow();
 }
 
 start();
 // For programs that read what is drawn, such as tests.
-window.robotView = {
+Object.assign(window, { robotView: {
   get page() { return page; }, get stage() { return stage; },
   get live() { return live; }, move, choose, show,
-};
+} });

@@ -12,15 +12,85 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { age, number } from './text.js';
+// Frames that the node keeps: steps through them, and their recording.
 
-const part = (id) => document.getElementById(id);
+import { age, number, part } from './page.js';
+
+/**
+ * @import { Account, Answer, Request, StepAnswer } from '../messages.js'
+ * @typedef {(message: Request) => void} Send
+ */
+
+/** Steps through the frames that the node has kept, while the page is paused. */
+export class Steps {
+  #send;
+  #waits = false; // for the answer, which comes when the picture is drawn
+  #next = null; // step that was asked for meanwhile
+  #isRepeated = false; // whether a key is held
+
+  /** @param {Send} send sends a message to the server. */
+  constructor(send) {
+    this.#send = send;
+    for (const kind of ['keydown', 'keyup']) {
+      addEventListener(kind, (event) => {
+        this.#isRepeated = /** @type {KeyboardEvent} */ (event).repeat;
+      }, true);
+    }
+  }
+
+  /** Show the buttons of a paused page. @param {boolean} isPaused */
+  show(isPaused) {
+    if (!isPaused) this.#write('');
+    part('earlier').hidden = part('later').hidden = !isPaused;
+  }
+
+  #write(topic, text = '') {
+    for (const output of document.querySelectorAll('output.step')) {
+      const tile = /** @type {HTMLElement} */ (output.closest('.tile'));
+      output.textContent = tile.dataset.topic === topic ? text : '';
+    }
+  }
+
+  /**
+   * Step in a topic and in that beside it, but wait for each picture while a key is held.
+   * @param {number} by frames.
+   * @param {string} step
+   * @param {string} beside
+   */
+  by(by, step, beside) {
+    if (this.#waits && this.#isRepeated) return;
+    this.#next = { step, by: by + (this.#next?.step === step ? this.#next.by : 0), beside };
+    this.#ask();
+  }
+
+  #ask() {
+    if (this.#waits || !this.#next) return;
+    this.#send(this.#next);
+    this.#waits = true;
+    this.#next = null;
+  }
+
+  /** Show the answer of the server. @param {StepAnswer} answer */
+  receive({ topic, text, error }) {
+    if (!this.#waits) return; // it is of a picture that was left
+    this.#write(part('earlier').hidden ? '' : topic, error ?? text);
+    this.#waits = false;
+    this.#ask();
+  }
+
+  /** Forget the steps of an earlier connection, or of another picture. */
+  reset() {
+    this.#write('');
+    this.#waits = false;
+    this.#next = null;
+  }
+}
 
 /** Return bytes as text. */
 const amount = (bytes) => (bytes < 1e6 ? `${number(bytes / 1e3)} kB`
   : bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`);
 
-/** Return the account of a recording as text. */
+/** Return an account as text. @param {Account} account */
 function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left, name }) {
   return [`${topics.length} ${topics.length > 1 ? 'topics' : 'topic'}`, age(seconds),
     `${frames} frames`, `${lost} lost`, `${dropped} dropped`, failed && `${failed} failed`,
@@ -29,19 +99,20 @@ function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left,
 
 /** The buttons that record, and the account of the recording, which all pages show. */
 export class Recording {
+  /** @type {Account} */
   #state = { phase: '' };
+  #onChange;
   #wasOn = false; // as the node has said last, maybe over another connection
   #isSeen = false; // by this page, so that the account stays after the end
 
   /**
-   * Begin without buttons, until the node says that it records.
-   *
-   * @param send sends a message to the server.
-   * @param topics returns the numbers of the topics that are shown.
-   * @param onChange called with a sentence after a request, and with '' at another change.
+   * @param {Send} send sends a message to the server.
+   * @param {() => number[]} topics returns the numbers of the topics that are shown.
+   * @param {(sentence: string) => void} onChange called with a sentence after a request, and with
+   *   '' at another change.
    */
   constructor(send, topics, onChange) {
-    this.onChange = onChange;
+    this.#onChange = onChange;
     part('record').addEventListener('click', () => {
       send({ record: this.#state.phase === '' && topics(), since: this.#state.since });
     });
@@ -64,14 +135,14 @@ export class Recording {
     if (this.isOn) part('recording').textContent = 'No connection: nobody knows whether it records';
   }
 
-  /** Handle a message of the server that concerns recordings. */
+  /** Handle a message of the server that concerns recordings. @param {Answer} message */
   receive({ recording, record, keep }) {
     if (recording) this.#show(recording);
     const isBegun = record?.ok && this.isOn; // as the account says
     const isLost = recording && this.#wasOn && !this.isOn && !recording.topics;
     const done = isBegun ? null : record ?? keep
       ?? (isLost && { message: 'The recording has ended with the node' });
-    if (done) this.onChange(done.message); // an alert
+    if (done) this.#onChange(done.message); // an alert
     if (!recording || this.#wasOn === this.isOn) return;
     this.#wasOn = this.isOn;
     part('said').textContent = done ? '' : `The recording has ${this.isOn ? 'begun' : 'ended'}`;
@@ -89,6 +160,6 @@ export class Recording {
     part('recording').hidden = !this.#isSeen || !state.topics;
     if (state.topics) part('recording').textContent = `${verb} ${describe(state)}`;
     part('recording').append(state.problem ? `: ${state.problem}` : '');
-    if (wasOn !== this.isOn) this.onChange('');
+    if (wasOn !== this.isOn) this.#onChange('');
   }
 }

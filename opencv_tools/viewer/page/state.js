@@ -12,13 +12,85 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
-import { keep } from './address.js';
+// What the page shows, as its address and the browser keep it.
+
+import { make } from './page.js';
+
+/** @import { Hello } from '../messages.js' */
 
 const KEY = 'opencv_tools.viewer';
 const KEPT = ['size', 'pin', 'hide', 'turn'];
 const NAMES = ['search', 'beside', ...KEPT]; // in the address
 const MOST = 4000; // characters
 const TURN = /:([0-3])(f?)$/; // behind the name of a topic: quarters, and whether it is flipped
+
+/** Return the settings in the address. */
+export const readAddress = () => new URL(location.href).searchParams;
+
+/**
+ * Return the address of the page with other settings, which have one value, many or none.
+ * @param {Record<string, unknown>} settings
+ */
+export function addressWith(settings) {
+  const url = new URL(location.href);
+  for (const [name, values] of Object.entries(settings)) {
+    url.searchParams.delete(name);
+    for (const value of [values].flat().filter(Boolean)) {
+      url.searchParams.append(name, String(value));
+    }
+  }
+  return url;
+}
+
+/** Keep settings in the address of the page. @param {Record<string, unknown>} settings */
+export const keep = (settings) => history.replaceState(null, '', addressWith(settings));
+
+/** Return the topic in the address, with the name that the node uses; '' for none. */
+export function topicOfAddress() {
+  const name = readAddress().get('topic') ?? '';
+  return name && name.replace(/^\/?/, '/').replace(/(.)\/(compressed|ffmpeg|foxglove)$/, '$1');
+}
+
+/**
+ * Copy a text. The clipboard API would need https.
+ * @param {string} text
+ * @returns {boolean} whether the browser allowed it.
+ */
+export function copyText(text) {
+  const active = /** @type {HTMLElement} */ (document.activeElement);
+  const field = make('textarea', { value: text, readOnly: true }); // no keyboard of a phone
+  field.style.position = 'fixed';
+  document.body.append(field);
+  field.select();
+  const isCopied = document.execCommand('copy');
+  field.remove();
+  active?.focus();
+  return isCopied;
+}
+
+/** What the node says of itself, and what the page shows of it. */
+export class State {
+  /** @type {Hello} */
+  node = { host: '', token: '', widths: [], video: 'never', control: false };
+  selected = topicOfAddress(); // the topic that is shown alone; '' for all topics
+  isPaused = false;
+  /** @type {Record<string, number | boolean>} */
+  fixed; // width, quality and rate of the address
+  codecs; // that the browser decodes
+
+  /** @param {string[]} codecs */
+  constructor(codecs) {
+    const given = readAddress();
+    this.fixed = Object.fromEntries(['width', 'quality', 'rate']
+      .filter((name) => given.has(name)).map((name) => [name, Number(given.get(name)) || 0]));
+    if ('width' in this.fixed || 'quality' in this.fixed) this.fixed.fixed = true;
+    this.codecs = this.isFixed ? [] : codecs;
+  }
+
+  get isFixed() {
+    return Object.keys(this.fixed).length > 0;
+  }
+}
 
 /** Return the values of some names, without the oldest ones if all of them are too long. */
 function newest(values, names) {
@@ -34,7 +106,9 @@ function newest(values, names) {
 /** Return what the browser keeps. */
 function stored() {
   let text = '';
-  try { text = localStorage.getItem(KEY) ?? ''; } catch { /* the browser refuses it */ }
+  try {
+    text = localStorage.getItem(KEY) ?? '';
+  } catch { /* the browser refuses it */ }
   return newest(new URLSearchParams(text), KEPT);
 }
 
@@ -45,12 +119,15 @@ const inOrder = (pins, topics) => [...new Set([...pins, ...topics.toSorted()])];
 export class Arrangement {
   #values;
 
-  /** Read the arrangement of the address, or that of the last visit if the address has none. */
+  /**
+   * Read the arrangement of the address, or that of the last visit if the address has none.
+   * @param {() => void} onChange
+   */
   constructor(onChange) {
     this.onChange = onChange;
-    const { searchParams } = new URL(location);
-    const isGiven = KEPT.some((name) => searchParams.has(name));
-    this.#values = newest([...isGiven ? [] : stored(), ...searchParams], NAMES);
+    const given = readAddress();
+    const isGiven = KEPT.some((name) => given.has(name));
+    this.#values = newest([...isGiven ? [] : stored(), ...given], NAMES);
     this.keep();
   }
 
@@ -96,7 +173,8 @@ export class Arrangement {
     const quarters = (flips ? 4 - turns : turns + 1) % 4;
     const flip = flips !== isFlipped ? 'f' : '';
     const added = quarters || flip ? [`${topic}:${quarters}${flip}`] : [];
-    this.#change('turn', (all) => [...all.filter((one) => one.replace(TURN, '') !== topic), ...added]);
+    this.#change('turn',
+      (all) => [...all.filter((one) => one.replace(TURN, '') !== topic), ...added]);
   }
 
   /** Return the topics that are shown, the pinned ones first. */
@@ -112,7 +190,9 @@ export class Arrangement {
       ...edit(values.getAll(name)).map((value) => [name, value])], names);
     this.#values = edited(this.#values, NAMES);
     this.keep();
-    try { localStorage.setItem(KEY, edited(stored(), KEPT)); } catch { /* the browser refuses it */ }
+    try {
+      localStorage.setItem(KEY, String(edited(stored(), KEPT)));
+    } catch { /* the browser refuses it */ }
     this.onChange();
   }
 

@@ -12,31 +12,98 @@
 // See the License for the specific language governing permissions and
 // limitations under the License.
 
+// Settings beside the pictures: the range of depth, and parameters of cameras.
+
+import { make, part } from './page.js';
+
+/** @import { Answer, Parameter, Request } from '../messages.js' */
+
 const RETRY_MS = 3000; // after a camera that did not describe its parameters
 const LONGEST_SLIDER = 10000; // a longer range is a field, because a pixel would be many steps
+const LARGEST = 1e300; // of the node
 
-/** Return a new element with a class and text. */
-function make(name, style = '', text = '') {
-  const element = document.createElement(name);
-  element.className = style;
-  element.textContent = text;
-  return element;
+/**
+ * Return two numbers that a comma separates, the lower one first; null for another text.
+ * @param {string | null} text
+ */
+export function readLimits(text) {
+  const limits = (text ?? '').split(',').map(Number);
+  const isValid = limits.length === 2 && limits[0] < limits[1]
+    && limits.every((one) => Math.abs(one) <= LARGEST);
+  return isValid ? limits : null;
+}
+
+/**
+ * Return the sentence about limits in the address that are not used; '' if there are none.
+ * @param {string | null} text
+ */
+export function explainLimits(text) {
+  return !text || readLimits(text) ? ''
+    : `The range ${text} is not used: give two numbers, the lower one first.`;
+}
+
+/** Return a number with its unit. */
+const measure = (value, unit) => `${Number(value.toPrecision(4))} ${unit}`;
+
+/** Form with the range and the colours of depth. */
+export class RangeForm {
+  #form = part('range');
+  #onChange;
+
+  /**
+   * @param {(values: { range: number[] | null, colors: string }) => void} onChange called with
+   *   the limits, null for automatic ones, and the colours of depth.
+   */
+  constructor(onChange) {
+    this.#onChange = onChange;
+    this.#form.addEventListener('change', () => this.#change());
+    this.#form.addEventListener('submit', (event) => event.preventDefault());
+  }
+
+  /**
+   * @param {number[] | null} used limits of the present picture; null if it has none.
+   * @param {number[] | null} chosen limits that somebody has chosen; null for automatic limits.
+   * @param {string} colors colours that somebody has chosen; '' for the first ones.
+   * @param {string} unit of depth; '' for other numbers.
+   */
+  show(used, chosen, colors, unit) {
+    this.#form.hidden = !used;
+    if (!used) return;
+    for (const element of this.#form.querySelectorAll('[data-of]')) element.hidden = !unit;
+    part('colors').value = colors || part('colors').options[0].value;
+    part('bar').dataset.colors = part('colors').value;
+    const [low, high] = chosen ?? used;
+    part('bar-low').textContent = measure(low, unit);
+    part('bar-high').textContent = measure(high, unit);
+    part('automatic').checked = !chosen;
+    for (const [place, input] of [part('low'), part('high')].entries()) {
+      input.readOnly = !chosen;
+      const isTyping = chosen && this.#form.contains(document.activeElement);
+      if (!isTyping) input.value = chosen ? chosen[place] : Number(used[place].toPrecision(4));
+    }
+  }
+
+  #change() {
+    const limits = readLimits(`${part('low').valueAsNumber},${part('high').valueAsNumber}`);
+    part('high').setCustomValidity(limits ? '' : 'Give two numbers, the lower one first.');
+    const { value: colors, options: [first] } = part('colors');
+    const isValid = part('automatic').checked || this.#form.reportValidity();
+    if (!isValid) return;
+    this.#onChange({ range: part('automatic').checked ? null : limits,
+      colors: colors === first.value ? '' : colors });
+  }
 }
 
 /** Return words of a parameter's name: exposure_time_absolute is "exposure time absolute". */
 const words = (name) => name.replaceAll('_', ' ');
 
-/** Return a field for a number. */
+/** Return a field for a number. @param {Parameter} parameter */
 function makeNumber({ type, minimum, maximum, step }) {
-  const input = make('input');
-  input.type = 'number';
-  input.min = minimum ?? '';
-  input.max = maximum ?? '';
-  input.step = step || (type === 'integer' ? 1 : 'any');
-  return input;
+  return make('input', { type: 'number', min: minimum ?? '', max: maximum ?? '',
+    step: step || (type === 'integer' ? 1 : 'any') });
 }
 
-/** Return the input for a parameter. */
+/** Return the input for a parameter. @param {Parameter} parameter */
 function makeInput(parameter) {
   const { type, minimum, maximum, choices } = parameter;
   if (!choices.length && (type === 'integer' || type === 'double')) {
@@ -47,7 +114,9 @@ function makeInput(parameter) {
   }
   const input = make(choices.length ? 'select' : 'input');
   for (const [value, text] of choices) input.append(new Option(text, JSON.stringify(value)));
-  if (!choices.length && type === 'bool') Object.assign(input, { type: 'checkbox', role: 'switch' });
+  if (!choices.length && type === 'bool') {
+    Object.assign(input, { type: 'checkbox', role: 'switch' });
+  }
   return input;
 }
 
@@ -77,9 +146,8 @@ class Row {
     this.#send = send;
     this.#input = makeInput(parameter);
     const kind = { checkbox: 'switch', range: 'slider', number: 'number' }[this.#input.type];
-    this.element = make('label', kind ?? 'field');
-    this.element.title = parameter.description;
-    this.element.append(make('span', '', words(parameter.name)), this.#input);
+    this.element = make('label', { className: kind ?? 'field', title: parameter.description },
+      make('span', {}, words(parameter.name)), this.#input);
     if (kind === 'slider') {
       this.#field = makeNumber(parameter);
       this.#input.before(this.#field);
@@ -129,14 +197,14 @@ class Row {
 
 /** Parameters of one node that publishes images, and the switch of its camera. */
 class CameraPanel {
-  element = make('section', 'node');
+  element = make('section', { className: 'node' });
   #rows = new Map();
   #shape = '';
 
   constructor(node, send) {
     this.node = node;
     this.send = send;
-    this.element.append(make('h2', '', node));
+    this.element.append(make('h2', {}, node));
   }
 
   update({ parameters, capture }) {
@@ -147,10 +215,9 @@ class CameraPanel {
   }
 
   #build(parameters, capture) {
-    this.element.replaceChildren(make('h2', '', this.node));
+    this.element.replaceChildren(make('h2', {}, this.node));
     if (capture) this.element.append(this.#captureButtons());
-    const others = make('details');
-    others.append(make('summary', '', 'Other parameters'));
+    const others = make('details', {}, make('summary', {}, 'Other parameters'));
     this.#rows.clear();
     for (const parameter of parameters) {
       const row = new Row(parameter, (name, value) => this.send({ set: this.node, name, value }));
@@ -161,13 +228,9 @@ class CameraPanel {
   }
 
   #captureButtons() {
-    const buttons = make('p', 'buttons');
-    for (const [on, text] of [[true, 'Start camera'], [false, 'Stop camera']]) {
-      const button = make('button', '', text);
-      button.addEventListener('click', () => this.send({ capture: this.node, on }));
-      buttons.append(button);
-    }
-    return buttons;
+    return make('p', { className: 'buttons' }, ...[true, false].map((on) => make('button', {
+      onclick: () => this.send({ capture: this.node, on }),
+    }, on ? 'Start camera' : 'Stop camera')));
   }
 
   answered({ name, value }) {
@@ -181,16 +244,15 @@ export class Controls {
   #send;
   #notify;
   #isEnabled = false;
+  /** @type {{ cameras: string[], recorders: string[] }} */
   #nodes = { cameras: [], recorders: [] };
   #panels = new Map();
   #shown = '';
 
   /**
-   * Begin without controls.
-   *
-   * @param element parent of the controls.
-   * @param send sends a message to the server.
-   * @param notify shows a sentence.
+   * @param {Element} element parent of the controls.
+   * @param {(message: Request) => void} send sends a message to the server.
+   * @param {(sentence: string) => void} notify shows a sentence.
    */
   constructor(element, send, notify) {
     this.#element = element;
@@ -198,14 +260,14 @@ export class Controls {
     this.#notify = notify;
   }
 
-  /** Begin a connection, with or without controls. */
+  /** Begin a connection, with or without controls. @param {boolean} isEnabled */
   enable(isEnabled) {
     this.#isEnabled = isEnabled;
     this.#nodes = { cameras: [], recorders: [] };
     this.#shown = '';
   }
 
-  /** Show the controls of those nodes that publish a topic, and the recorders. */
+  /** Show the controls of the nodes that publish a topic. @param {string[]} publishers */
   show(publishers) {
     const { cameras: all, recorders: some } = this.#nodes;
     const cameras = this.#isEnabled ? all.filter((one) => publishers.includes(one)) : [];
@@ -225,14 +287,12 @@ export class Controls {
   }
 
   #recorder(node) {
-    const section = make('section', 'node');
-    const button = make('button', '', 'Record the next picture');
-    button.addEventListener('click', () => this.#send({ save: node }));
-    section.append(make('h2', '', node), button);
-    return section;
+    const onclick = () => this.#send({ save: node });
+    return make('section', { className: 'node' }, make('h2', {}, node),
+      make('button', { onclick }, 'Record the next picture'));
   }
 
-  /** Handle a message of the server that concerns controls. */
+  /** Handle a message of the server that concerns controls. @param {Answer} message */
   receive({ nodes, parameters, set, capture, save }) {
     if (nodes) this.#nodes = nodes;
     if (parameters) this.#described(parameters);
