@@ -24,9 +24,9 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
 from opencv_tools.base.text import enumerated, MAX_PATH, printable

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.compression import decompressed_message
+from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic
 from opencv_tools.capture.bag import read_picture
 from opencv_tools.capture.bag_video import BagVideo
