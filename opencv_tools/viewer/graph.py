@@ -34,7 +34,7 @@ from opencv_tools.viewer.overlays.boxes import DETECTIONS
 from opencv_tools.viewer.overlays.topics import OverlayTopics
 from opencv_tools.viewer.protocol import base_name, MAX_TOPICS, VIDEOS
 from opencv_tools.viewer.recording.bag_recording import Topic
-from opencv_tools.viewer.robot.topics import RobotState, RobotTopics
+from opencv_tools.viewer.robot_topics import RobotState, RobotTopics
 from opencv_tools.viewer.streams.feed import Feed, FeedKey
 from opencv_tools.viewer.streams.packets import PACKETS
 from rclpy.node import Node

@@ -112,7 +112,8 @@ ALLOWED = {
         'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.message_types',
         'opencv_tools.video', 'av', 'cv2'},
     'opencv_tools.viewer': {
-        'opencv_tools.calibration', 'opencv_tools.camera_model', 'opencv_tools.cv_bridge',
+        'opencv_tools.bags.schemas', 'opencv_tools.calibration', 'opencv_tools.camera_model',
+        'opencv_tools.cv_bridge',
         'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.message_types',
         'opencv_tools.nodes', 'opencv_tools.recording', 'opencv_tools.robot',
         'opencv_tools.topics', 'opencv_tools.transport.message_type', 'opencv_tools.video',
@@ -127,18 +128,17 @@ ALLOWED = {
     'opencv_tools.viewer.web.page_files': set(),
 }
 PROGRAMS = ('opencv_tools.nodes.publisher', 'opencv_tools.nodes.subscriber')
-SERVER = tuple(f'opencv_tools.viewer.{name}' for name in (
-    'control', 'recording', 'graph', 'hub', 'web', 'calibrate', 'robot', 'overlays', 'server'))
+#: Floors of the rooms of the viewer, from the top down. A room imports only those below its own.
+VIEWER = (
+    ('server',), ('calibrate', 'robot'), ('web',), ('hub',), ('graph',), ('inspect', 'overlays'),
+    ('streams', 'control', 'robot_topics', 'parameters'), ('protocol', 'recording', 'access'),
+    ('executor_calls', 'certificate'), ('region', 'errors', 'watched'))
 #: What the modules of a package must not import, although ALLOWED names a package around it.
 FORBIDDEN = {
     'opencv_tools.frames': PROGRAMS, 'opencv_tools.nodes': PROGRAMS,
     'opencv_tools.nodes.publisher': ('opencv_tools.nodes.subscriber', 'opencv_tools.recording'),
     'opencv_tools.nodes.subscriber': ('opencv_tools.nodes.publisher', 'opencv_tools.capture'),
     'opencv_tools.viewer': PROGRAMS,
-    # From a message to a picture, then what a page asks about it; the server is above both.
-    'opencv_tools.viewer.streams': (*PROGRAMS, 'opencv_tools.viewer.inspect', *SERVER),
-    'opencv_tools.viewer.inspect': (*PROGRAMS, *SERVER),
-    'opencv_tools.viewer.recording': (*PROGRAMS, 'opencv_tools.viewer.streams', *SERVER[3:]),
 }
 NODES = ('opencv_tools', 'opencv_tools.basic_image_publisher',
          'opencv_tools.basic_image_subscriber', 'opencv_tools.image_filter',
@@ -180,6 +180,17 @@ def test_forbidden_imports() -> None:
         wrong += [f'{module}: {name}' for name in imported(module)
                   if name.startswith(FORBIDDEN[package])]
     assert wrong == []
+
+
+def test_rooms_of_the_viewer_import_lower_floors_only() -> None:
+    floors = {room: floor for floor, rooms in enumerate(VIEWER) for room in rooms}
+    package = 'opencv_tools.viewer.'
+    rooms = {module: module.removeprefix(package).partition('.')[0] for module in MODULES
+             if module.startswith(package)}
+    assert {*rooms.values()} == {*floors}
+    assert [f'{module}: {name}' for module, room in rooms.items() for name in imported(module)
+            if name in rooms and rooms[name] != room
+            and floors[rooms[name]] <= floors[room]] == []
 
 
 def test_urdf_imports_of_sdf_only_fragments_and_values() -> None:

@@ -55,11 +55,6 @@ def camera_info_of(calibration: Calibration) -> CameraInfo:
         p=calibration.p.ravel())
 
 
-def info_topic(topic: str) -> str:
-    """Return the name of the topic with the calibration of an image topic."""
-    return f'{_namespace(topic)}/camera_info'
-
-
 async def set_camera_info(
     control: CameraControl, topic: str, nodes: Sequence[str], info: CameraInfo,
 ) -> dict[str, Any]:
@@ -91,7 +86,7 @@ def find_service(node: Node, topic: str, nodes: Sequence[str]) -> str:
     """
     found = {service for name in nodes[:_MAX_NODES]
              for service, types in services_of(node, name).items() if _TYPE in types}
-    usual = f'{_namespace(topic)}/{_SERVICE}'
+    usual = f'{topic.rpartition("/")[0]}/{_SERVICE}'
     if usual in found or len(found) == 1:
         return usual if usual in found else found.pop()
     if found:
@@ -99,7 +94,3 @@ def find_service(node: Node, topic: str, nodes: Sequence[str]) -> str:
                            f'{printable(usual)}: {enumerated(sorted(found))}; download the file')
     raise RequestError(f'no node that publishes {printable(topic)} has the service {_SERVICE}: '
                        'download the file and configure the camera with it')
-
-
-def _namespace(topic: str) -> str:
-    return topic.rpartition('/')[0]

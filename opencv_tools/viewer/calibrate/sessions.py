@@ -24,11 +24,11 @@ import time
 from typing import Any
 
 import numpy as np
+from opencv_tools.bags.schemas import camera_info_topic
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.topics.message_reader import MessageReader
-from opencv_tools.viewer.calibrate.camera_info import (
-    camera_info_of, check_raw, info_topic, set_camera_info)
+from opencv_tools.viewer.calibrate.camera_info import camera_info_of, check_raw, set_camera_info
 from opencv_tools.viewer.calibrate.live import LiveCalibration, Show
 from opencv_tools.viewer.calibrate.session import Result
 from opencv_tools.viewer.control import CameraControl
@@ -180,7 +180,8 @@ class NodeCamera:
         nodes = await self._nodes()
 
         async def read(control: CameraControl) -> dict[str, Any]:
-            return {'former': await read_former(control, info_topic(self._topic), nodes)}
+            return {'former': await read_former(
+                control, camera_info_topic(self._topic), nodes)}
 
         found: Former = (await self._hub.control(read))['former']
         return found

@@ -33,7 +33,7 @@ from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.robot.joints import joint_position, LiveJoint
 from opencv_tools.viewer.robot.reader import LiveRobot, read_description
-from opencv_tools.viewer.robot.topics import (
+from opencv_tools.viewer.robot_topics import (
     DESCRIPTION, Inbox, missing_publishers, MOTION, RobotTopics, STATES, TRANSFORMS)
 from opencv_tools.viewer.watched import in_loop, LOAD, quiet_limit, Watched
 from rclpy.serialization import deserialize_message

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.viewer.robot.topics import (
+from opencv_tools.viewer.robot_topics import (
     DESCRIPTION, Inbox, MAX_BYTES, missing_publishers, RobotState, STATES)
 
 

@@ -25,7 +25,7 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.robot import live, reader
 from opencv_tools.viewer.robot.live import Descriptions
 from opencv_tools.viewer.robot.reader import answer, LiveRobot, read_description
-from opencv_tools.viewer.robot.topics import DESCRIPTION, Inbox
+from opencv_tools.viewer.robot_topics import DESCRIPTION, Inbox
 import pytest
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
