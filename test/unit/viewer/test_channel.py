@@ -333,7 +333,7 @@ def test_few_regions_of_a_frame_are_kept() -> None:
 
 
 def test_pixels_are_forgotten_after_the_last_question(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream_module, '_PIXELS_SECONDS', 0.05)
+    monkeypatch.setattr(stream_module, '_PIXELS_SECONDS', 600)
 
     async def work(stream: Stream, _: Console) -> None:
         depth = np.arange(64 * 48, dtype=np.uint16).reshape(48, 64)
@@ -341,7 +341,9 @@ def test_pixels_are_forgotten_after_the_last_question(monkeypatch: pytest.Monkey
         stream.feed.put(ReceivedMessage(
             WireCompressedImage(header=NO_HEADER, format='png', data=content), 0))
         assert stream.feed.newest
-        first, second = [await stream.pixels(stream.feed.newest) for _ in range(2)]
+        first = await stream.pixels(stream.feed.newest)
+        monkeypatch.setattr(stream_module, '_PIXELS_SECONDS', 0.05)
+        second = await stream.pixels(stream.feed.newest)
         assert first is second
         kept = weakref.ref(first)
         del first, second
