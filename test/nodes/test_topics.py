@@ -167,7 +167,9 @@ def assert_played(
                              LATCHED, raw=True)
     spin_until(node, lambda: not publisher.is_running())
     assert publisher.finish() == 0, publisher.output
-    spin_until(node, lambda: len(images) == 2 * (COUNT - 1) and got['/tf_static'])
+    spin_until(node, lambda: len(images) == 2 * (COUNT - 1) and all(
+        len(messages) >= (1 if topic == '/tf_static' else 2 * len(sent[topic]))
+        for topic, messages in got.items()))
     assert [one.position[0] for one in got.pop('/joint_states')] == 2 * [*range(1, COUNT)]
     static = got.pop('/tf_static')
     assert_equal(static, len(static) * [content(TF, 0)])
