@@ -117,7 +117,7 @@ lint:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 -m pytest --quiet -m linter test/package
 
 test-changed:
-	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/changed.py
+	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 test/changed.py $(BASE)
 
 test-slow:
 	@command -v colcon > /dev/null || \
@@ -170,7 +170,7 @@ lint: .venv/dev
 	@$(call in_venv,.venv) python -m pytest --quiet -m linter test/package
 
 test-changed: .venv/dev
-	@$(call in_venv,.venv) python test/changed.py
+	@$(call in_venv,.venv) python test/changed.py $(BASE)
 
 test-slow: .venv/dev
 	@$(call in_venv,.venv) python -m pytest --quiet -m thorough \

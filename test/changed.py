@@ -122,7 +122,7 @@ def reached(changed: Iterable[str], tests: Iterable[Path]) -> list[str]:
 
 
 def main() -> int:
-    """Return the exit status of pytest; 0 if the change reaches no test."""
+    """Return the exit status of pytest; 0 if the change reaches no test, 2 if there is none."""
     base, *arguments = sys.argv[1:] or ['main']
 
     def git(*words: str) -> list[str]:
@@ -132,6 +132,10 @@ def main() -> int:
     start, = git('merge-base', base, 'HEAD')
     changed = {*git('diff', '--name-only', start),
                *git('ls-files', '--others', '--exclude-standard')}
+    if not changed:
+        print(f'nothing differs from {base}: give the commit before the change, such as '
+              'make test-changed BASE=origin/main', file=sys.stderr)
+        return 2
     tests = [path for folder in ('nodes', 'package', 'unit')
              for path in sorted((TEST / folder).rglob('test_*.py'))]
     selected = reached(changed, tests)

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 import os
 from pathlib import Path
 import re
@@ -25,7 +25,7 @@ import threading
 
 from conftest import read_manifest
 from opencv_tools.recording.errors import RecordingError
-from opencv_tools.recording.manifest import FILE_NAME, Manifest, parse_line
+from opencv_tools.recording.manifest import FILE_NAME, Manifest, ManifestEntry, parse_line
 import pytest
 from recordings import manifest_line, record, record_ring
 
@@ -47,6 +47,13 @@ def test_documented_keys_are_those_of_a_line(tmp_path: Path) -> None:
     table = page.partition('**The manifest.**')[2].partition('| key | meaning |')[2]
     keys = ' '.join(row.split('|')[1] for row in table.partition('\n\n')[0].splitlines()[2:])
     assert sorted(re.findall('`([a-z0-9_]+)`', keys)) == sorted(read_manifest(tmp_path)[0])
+
+
+def test_every_field_is_read_back() -> None:
+    values = {field.name: number if field.type == 'int' else f'{number:064x}'
+              for number, field in enumerate(fields(ManifestEntry), 1)}
+    entry = ManifestEntry(**values)
+    assert parse_line(entry.line()) == entry
 
 
 def test_truncated_last_line_is_removed(tmp_path: Path) -> None:
