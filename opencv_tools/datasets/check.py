@@ -133,7 +133,10 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
         yield f'it has {count} frames, but its episodes have {expected} rows'
     elif prints is not None:
         first = episodes[0]['dataset_from_index']
-        yield from _picture_problems(np.array(seen), prints[first:first + expected])
+        if first > len(prints) - expected:
+            yield f'its {expected} rows begin at row {first}, but there are {len(prints)} rows'
+        else:
+            yield from _picture_problems(np.array(seen), prints[first:first + expected])
 
 
 def _picture_problems(seen: NDArray[np.uint8], expected: NDArray[np.uint8]) -> Iterator[str]:
