@@ -36,6 +36,8 @@ _MAX_TOPICS = 65536
 # compute for ever. The id of a message is its _rowid_, which is always an integer.
 _COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
             'messages': {'id', 'topic_id', 'timestamp', 'data'}}
+# A table of their texts, which bags have since ROS 2 Iron.
+_DEFINITIONS = {'topic_type', 'encoding', 'encoded_message_definition'}
 _QOS = 'offered_qos_profiles'  # not in old bags
 
 
@@ -114,14 +116,15 @@ class Db3Reader:
         self._database.execute('PRAGMA trusted_schema = OFF')
         found = {table: self._check_table(table, columns) for table, columns in _COLUMNS.items()}
         texts = Texts()
+        definitions = self._read_definitions(texts)
         qos = f'substr({_QOS}, 1, {MAX_TEXT})' if _QOS in found['topics'] else "''"
         for number, name, kind, serialization, offers in self._database.execute(
                 'SELECT id, substr(name, 1, 1000), substr(type, 1, 1000), '
                 'substr(serialization_format, 1, 1000), '
                 f"{qos} FROM topics WHERE typeof(id) = 'integer' LIMIT {_MAX_TOPICS}"):
             self._ids[number] = topic = BagTopic(
-                str(name), str(kind), str(serialization),
-                qos=texts.keep(str(offers or '').encode()))
+                str(name), str(kind), str(serialization), definitions.get(str(kind), ''),
+                texts.keep(str(offers or '').encode()))
             self.topics.setdefault(topic, 0)
         for number, count, first_ns, last_ns in self._database.execute(
                 'SELECT topic_id, count(*), min(timestamp), max(timestamp) '
@@ -131,6 +134,16 @@ class Db3Reader:
                 self.topics[self._ids[number]] += count
                 self.first_ns = min(self.first_ns or first_ns, first_ns)
                 self.last_ns = max(self.last_ns, last_ns)
+
+    def _read_definitions(self, texts: Texts) -> dict[str, str]:
+        """Return the texts of types; none of a table that rosbag2 does not write."""
+        with suppress(BagError):
+            self._check_table('message_definitions', _DEFINITIONS)
+            return {str(kind): texts.keep(text.encode()) for kind, text in self._database.execute(
+                'SELECT substr(topic_type, 1, 1000), substr(encoded_message_definition, 1, '
+                f"{MAX_TEXT + 1}) FROM message_definitions WHERE encoding = 'ros2msg' "
+                f"AND typeof(encoded_message_definition) = 'text' LIMIT {_MAX_TOPICS}")}
+        return {}
 
     def _check_table(self, name: str, columns: set[str]) -> set[str]:
         """Return those columns of a table that are known; it has at least some of them."""

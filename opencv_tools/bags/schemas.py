@@ -17,74 +17,14 @@
 from __future__ import annotations
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
+from opencv_tools.message_types.definition import read_definition
 from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
-_SEPARATOR = 80 * '=' + '\nMSG: '
-_TIME = f"""\
-{_SEPARATOR}builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-_HEADER = f"""\
-{_SEPARATOR}std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{_TIME}"""
-
 #: Text of the schema of each type: its fields, then the types that it uses, as in rosbag2.
-MESSAGE_DEFINITIONS = {
-    IMAGE: f"""\
-std_msgs/Header header
-uint32 height
-uint32 width
-string encoding
-uint8 is_bigendian
-uint32 step
-uint8[] data
-{_HEADER}""",
-    COMPRESSED_IMAGE: f"""\
-std_msgs/Header header
-string format
-uint8[] data
-{_HEADER}""",
-    CAMERA_INFO: f"""\
-std_msgs/Header header
-uint32 height
-uint32 width
-string distortion_model
-float64[] d
-float64[9] k
-float64[9] r
-float64[12] p
-uint32 binning_x
-uint32 binning_y
-RegionOfInterest roi
-{_HEADER}{_SEPARATOR}sensor_msgs/RegionOfInterest
-uint32 x_offset
-uint32 y_offset
-uint32 height
-uint32 width
-bool do_rectify
-""",
-    FFMPEG_PACKET: f"""\
-std_msgs/Header header
-int32 width
-int32 height
-string encoding
-uint64 pts
-uint8 flags
-bool is_bigendian
-uint8[] data
-{_HEADER}""",
-    COMPRESSED_VIDEO: f"""\
-builtin_interfaces/Time timestamp
-string frame_id
-uint8[] data
-string format
-{_TIME}""",
-}
+MESSAGE_DEFINITIONS = {name: read_definition(name).text for name in (
+    IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, FFMPEG_PACKET, COMPRESSED_VIDEO)}
 
 # Last parts of the names of topics beside an image topic, as in image_transport.
 _SUFFIXES = ('compressed', *VIDEO_TOPICS.values())

@@ -95,12 +95,13 @@ class MessageCodec:
                 if field.base == 'wstring':
                     raise CdrError(f'{name}.{field.name} is a wide string, which is not supported')
 
-    def write(self, message: Mapping[str, Any]) -> bytes:
+    def write(self, message: Any) -> bytes:
         """
         Convert a message to CDR.
 
-        :param message: values by name. A field without a value has the default of the definition,
-            else 0, ``''`` or no values.
+        :param message: values by name, or an object with all fields as attributes, such as
+            ``frame.header``. A message in a field is one of both, too. A field without a value
+            has the default of the definition, else 0, ``''`` or no values.
         :returns: little-endian CDR.
         :raises CdrError: a field is unknown, its value does not have its type, or the message has
             more than 1 GiB, or more than 524288 messages and strings.
@@ -285,6 +286,8 @@ class _WritePlan(TypePlan[_Write]):
         names = frozenset(each.name for _, run in steps for each in run)
         named = [('', None, step) if is_number(run[0]) else (run[0].name, run[0].default, step)
                  for step, run in steps]
+        # A message object of a type without fields has slots, which numbers and texts do not have.
+        attributes = names - {PLACEHOLDER} or {'__slots__'}
 
         def write(data: bytearray, message: Any, values: _Values) -> None:
             if field:
@@ -293,7 +296,9 @@ class _WritePlan(TypePlan[_Write]):
                     raise _too_many(field)
                 message = {} if message is None else message
             if type(message) is not dict and not isinstance(message, Mapping):
-                raise CdrError(f'{_shown(message)} is not a mapping of the fields of {name}')
+                if not all(hasattr(message, each) for each in attributes):
+                    raise CdrError(f'{_shown(message)} is not a mapping of the fields of {name}')
+                message = {each: getattr(message, each) for each in names - {PLACEHOLDER}}
             if not message.keys() <= names:
                 unknown = next(iter(message.keys() - names))
                 raise CdrError(f"{name} has no field '{printable(unknown, _MAX_SHOWN)}'")
@@ -410,6 +415,9 @@ def _array(field: Field, data: bytearray, value: Any) -> np.ndarray[Any, Any]:
 def _checked(field: Field, data: bytearray, value: Any) -> np.ndarray[Any, Any]:
     """Return values as an array of the type of a field, if it can represent them."""
     try:
+        if field.base == 'byte' and isinstance(value, list):  # rclpy has bytes of one byte
+            value = [each[0] if isinstance(each, bytes) and len(each) == 1 else each
+                     for each in value]
         converted = convert_numbers(value, TYPES[field.base])
     except (BufferError, TypeError, ValueError, OverflowError) as err:
         raise CdrError(f'{field.name} is {field.base}, not {_shown(value)}') from err

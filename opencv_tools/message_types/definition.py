@@ -16,15 +16,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import redirect_stderr, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
 from importlib.resources import files
-import io
+import os
 from pathlib import Path
 import re
-from threading import Lock
+import sys
 from typing import Any, NamedTuple
 
 from opencv_tools.base.text import printable
@@ -73,12 +73,25 @@ _MAX_TYPES = 500
 _MAX_DEPTH = 30  # of types inside of types
 _MAX_SHOWN = 80  # characters of a text in an error
 _MAX_SIZE = 2**32 - 1  # of an array or a string in CDR
-_NAME = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9_]*')
+# Names as ROS allows them. A pattern takes a time linear in the line.
+_WORD = '[a-z][a-z0-9]*(?:_[a-z0-9]+)*'  # a package or field
+_SHORT = ('(?:Sample_)?[A-Z][A-Za-z0-9]*(?:_Feedback)?(?:_Result)?(?:_Goal)?(?:_Response)?'
+          '(?:_Request)?')
+_SIZE = '0*[1-9][0-9]*'
+_NAME = re.compile(f'{_WORD}/msg/{_SHORT}')
+_FIELD_NAME = re.compile(_WORD)
+_CONSTANT_NAME = re.compile('[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*')
+_TYPE = re.compile(
+    rf'(?:(?P<base>{"|".join(PRIMITIVES)})(?:(?<=string)<=(?P<limit>{_SIZE}))?'
+    rf'|(?:(?P<package>{_WORD})/)?(?P<short>{_SHORT}))'
+    rf'(?P<array>\[(?:(?P<bound><=)?(?P<size>{_SIZE}))?\])?')
+# A text in an array of texts: between quotes, which a backslash escapes, or up to a comma.
+_TEXT = re.compile(
+    r""" *(?:(["'])((?:(?!\1|\\).|\\\1(?!\1)|\\(?!\1))*)\1|([^,"' ][^,]*)) *(?:,|\Z)""")
+_BOOLS = {'true': True, '1': True, 'false': False, '0': False}
 _SEPARATOR = re.compile(r'^={40,}\s*^MSG: *(\S+)[ \r]*$', re.MULTILINE)
 #: The field of a type without fields, of which C and IDL know none.
 PLACEHOLDER = 'structure_needs_at_least_one_member'
-# The parser of ROS writes on standard error, which belongs to the process.
-_parser_lock = Lock()
 
 
 class DefinitionError(ValueError):
@@ -158,10 +171,7 @@ def full_name(text: str) -> str:
     :param text: ``package/msg/Name`` or ``package/Name``.
     :raises DefinitionError: the text is no such name.
     """
-    if not isinstance(text, str):
-        raise DefinitionError(f"'{printable(text, _MAX_SHOWN)}' is not a message type; give "
-                              'package/msg/Name')
-    package, _, rest = text.partition('/')
+    package, _, rest = text.partition('/') if isinstance(text, str) else 3 * ('',)
     name = text if '/' in rest else f'{package}/msg/{rest}'
     if not _NAME.fullmatch(name):
         raise DefinitionError(f"'{printable(text, _MAX_SHOWN)}' is not a message type; give "
@@ -175,8 +185,8 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
 
     :param text: text of its ``.msg`` file; then, each after a line of ``=`` and a line
         ``MSG: package/Name``, the text of types that it contains, as in a bag. Types that are not
-        there, and all without a text, are those that are installed, else those that this
-        package contains.
+        there, and all without a text, are those that this package contains, such as all of
+        common_interfaces, else those of packages in ``AMENT_PREFIX_PATH`` or beside Python.
     :returns: the type and all types that it contains.
     :raises DefinitionError: a definition is missing, invalid, too large or contains itself.
     """
@@ -201,7 +211,7 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
                                   'types')
         if current not in depths:
             body = texts[current] if current in texts else _known_text(current)
-            found[current] = Definition(tuple(_parse(current, body)), body)
+            found[current] = Definition(_parse(current, body), body)
             inner = dict.fromkeys(
                 field.base for field in found[current].fields if field.is_message)
             depths[current] = 1 + max(
@@ -215,51 +225,110 @@ def read_definition(name: str, text: str | None = None) -> TypeDefinition:
 
 
 def _known_text(name: str) -> str:
-    """Return the text of a definition that is installed, or that this package contains."""
+    """Return the text of a definition that this package contains, or that is installed."""
     package, _, short = name.split('/')
     own = files(__package__) / 'msg' / package / f'{short}.msg'
-    with suppress(ImportError, LookupError, OSError, ValueError):  # not installed, or no text
-        from ament_index_python import get_package_share_directory
-        path = Path(get_package_share_directory(package), 'msg', f'{short}.msg')
-        if path.stat().st_size <= _MAX_TEXT:
-            return path.read_text()
-    if not own.is_file():
-        raise DefinitionError(f'the definition of {name} is not known; give the text of its .msg '
-                              'file')
-    return own.read_text()
+    if own.is_file():
+        return own.read_text('utf-8')
+    for prefix in (*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix):
+        path = Path(prefix, 'share', package, 'msg', f'{short}.msg')
+        with suppress(OSError, ValueError):  # not there, or no text
+            if prefix and path.is_file() and path.stat().st_size <= _MAX_TEXT:
+                return path.read_text('utf-8')
+    raise DefinitionError(f"the definition of {name} is not known; source the workspace of '"
+                          f"{package}', or add its folder with share/{package} to "
+                          'AMENT_PREFIX_PATH')
 
 
-def _parse(name: str, text: str) -> Iterator[Field]:
-    """Yield the fields of a type, as the parser of ROS reads them."""
-    try:
-        from rosidl_adapter.parser import parse_message_string
-    except ImportError as err:
-        raise DefinitionError(f'{name} cannot be read, because rosidl_adapter, a part of ROS, '
-                              f'cannot be imported: {err}') from err
-    # Comments may be of any size and take time. As in the parser, # begins one everywhere.
-    lines = [line.partition('#')[0] for line in text.splitlines()]
+def _parse(name: str, text: str) -> tuple[Field, ...]:
+    """Return the fields of a type, as the parser of ROS reads them."""
+    # Comments may be of any size. As in the parser of ROS, # begins one in a text, too.
+    lines = [line.partition('#')[0].replace('\t', ' ').rstrip() for line in text.splitlines()]
     if len(lines) > _MAX_LINES or any(len(line) > _MAX_LINE for line in lines):
         raise DefinitionError(f'the definition of {name} has more than {_MAX_LINES} lines, or a '
                               f'line with more than {_MAX_LINE} characters')
-    package, _, short = name.split('/')
-    try:
-        with _parser_lock, redirect_stderr(io.StringIO()):
-            parsed = parse_message_string(package, short, '\n'.join(lines))
-    except Exception as err:  # noqa: B902 (the parser raises errors of many classes)
-        raise DefinitionError(f'the definition of {name} is invalid: '
-                              f'{type(err).__name__}: {printable(err)}') from err
-    if not parsed.fields:
-        yield Field(PLACEHOLDER, 'uint8')
-    for field in parsed.fields:
-        found = field.type
-        size, string_size = found.array_size or 0, found.string_upper_bound or 0
-        if found.type in ('duration', 'time') and found.pkg_name is None:
-            raise DefinitionError(f"the definition of {name} has the type '{found.type}' of ROS 1")
-        if max(size, string_size) > _MAX_SIZE:
-            raise DefinitionError(f'{name}.{field.name} has a size of '
-                                  f'{max(size, string_size)}, at most {_MAX_SIZE} are possible')
-        array = (Array.NONE if not found.is_array else Array.UNBOUNDED if not size
-                 else Array.BOUNDED if found.is_upper_bound else Array.FIXED)
-        yield Field(field.name, found.type if found.pkg_name is None
-                    else f'{found.pkg_name}/msg/{found.type}', array, size, string_size,
-                    field.default_value)
+    found: dict[str, Field | None] = {}  # None for a constant
+    for line in filter(None, lines):
+        try:
+            key, field = _read_line(name.partition('/')[0], line)
+            if key in found:
+                raise ValueError('has the name of a line before; give another')
+        except ValueError as err:
+            raise DefinitionError(f"the definition of {name} is invalid: '"
+                                  f"{printable(line, _MAX_SHOWN)}' {printable(err)}") from err
+        found[key] = field
+    return tuple(filter(None, found.values())) or (Field(PLACEHOLDER, 'uint8'),)
+
+
+def _read_line(package: str, line: str) -> tuple[str, Field | None]:
+    """
+    Return the name in a line, and its field; None for a constant.
+
+    :raises ValueError: the line is invalid; the message follows the line.
+    """
+    kind, _, rest = line.partition(' ')
+    name, is_constant, value = (part.strip() for part in rest.partition('='))
+    if is_constant:
+        if kind not in PRIMITIVES or not _CONSTANT_NAME.fullmatch(name):
+            raise ValueError('is no constant; give a primitive type, a name in capitals, = and a '
+                             'value')
+        _read_value(Field(name, kind), value)
+        return name, None
+    name, _, value = name.partition(' ')
+    match = _TYPE.fullmatch(kind)
+    if not match or not _FIELD_NAME.fullmatch(name):
+        raise ValueError('is no field of ROS 2; give a type and a name in small letters, such as '
+                         'float64[3] position or builtin_interfaces/Time stamp')
+    limit, size = (int(match[group] or 0) for group in ('limit', 'size'))
+    if max(limit, size) > _MAX_SIZE:
+        raise ValueError(f'has a size of {max(limit, size)}; give 1 to {_MAX_SIZE}')
+    array = (Array.NONE if not match['array'] else Array.UNBOUNDED if not size
+             else Array.BOUNDED if match['bound'] else Array.FIXED)
+    base = match['base'] or f"{match['package'] or package}/msg/{match['short']}"
+    field = Field(name, base, array, size, limit)
+    return name, field._replace(default=_read_default(field, value.strip())) if value else field
+
+
+def _read_default(field: Field, value: str) -> Any:
+    if field.is_message:
+        raise ValueError('has a default, which a message cannot have; give none')
+    if field.array is Array.NONE:
+        return _read_value(field, value)
+    inner = value[1:-1]
+    parts = inner.split(',') if inner else []
+    if not PRIMITIVES[field.base].dtype:
+        parts, end = [], 0
+        while match := _TEXT.match(inner, end):
+            quote, quoted, plain = match.groups()
+            parts.append(quoted.replace('\\' + quote, quote) if quote else plain)
+            end = match.end()
+        inner = inner[:end]  # the rest is no text
+    if (value != f'[{inner}]' or (len(parts) > field.size and field.array is Array.BOUNDED)
+            or (len(parts) != field.size and field.array is Array.FIXED)):
+        raise ValueError('has a default that is no array of its size; give values with commas '
+                         'between [ and ]')
+    return [_read_value(field, part.strip()) for part in parts]
+
+
+def _read_value(field: Field, value: str) -> Any:
+    """Return a value of the type of a field, without regard to its array."""
+    dtype = PRIMITIVES[field.base].dtype
+    with suppress(LookupError, ValueError):
+        if field.base == 'bool':
+            return _BOOLS[value.lower()]
+        if not dtype:
+            quote, size = value[:1], field.string_size or _MAX_SIZE
+            if quote in ('"', "'") and value.endswith(quote):
+                escaped = value[1:-1].count('\\' + quote)
+                value = value[1:-1].replace('\\' + quote, quote)
+                size = size if value.count(quote) == escaped else -1
+            if len(value) <= size:
+                return value
+        elif dtype.startswith('f'):
+            return float(value)
+        else:
+            number = int(value, 0 if {*value} & {*'xXoObB'} else 10)
+            count = 1 << 8 * int(dtype[1])  # of the values of the type
+            if 0 <= number + (count // 2 if dtype.startswith('i') else 0) < count:
+                return number
+    raise ValueError(f'has a value that is no {field.base}; give another')

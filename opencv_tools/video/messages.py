@@ -28,29 +28,15 @@ from opencv_tools.base.text import printable
 from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.errors import CdrError
 from opencv_tools.message_types.codec import MessageCodec
-from opencv_tools.message_types.definition import Array, Definition, Field, TypeDefinition
+from opencv_tools.message_types.definition import read_definition
 from opencv_tools.video.packet import VideoPacket
 
 #: Names of the message types.
 FFMPEG_PACKET = 'ffmpeg_image_transport_msgs/msg/FFMPEGPacket'
 COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
 
-_TIME, _HEADER = 'builtin_interfaces/msg/Time', 'std_msgs/msg/Header'
-# The parser of definitions is a part of ROS, which readers of bags do not need.
-_FIELDS = {
-    _TIME: (Field('sec', 'int32'), Field('nanosec', 'uint32')),
-    _HEADER: (Field('stamp', _TIME), Field('frame_id', 'string')),
-    FFMPEG_PACKET: (
-        Field('header', _HEADER), Field('width', 'int32'), Field('height', 'int32'),
-        Field('encoding', 'string'), Field('pts', 'uint64'), Field('flags', 'uint8'),
-        Field('is_bigendian', 'bool'), Field('data', 'uint8', Array.UNBOUNDED)),
-    COMPRESSED_VIDEO: (
-        Field('timestamp', _TIME), Field('frame_id', 'string'),
-        Field('data', 'uint8', Array.UNBOUNDED), Field('format', 'string')),
-}
-_CODECS = {name: MessageCodec(TypeDefinition(name, {
-    used: Definition(_FIELDS[used], '') for used in (name, _HEADER, _TIME)}))
-    for name in (FFMPEG_PACKET, COMPRESSED_VIDEO)}
+_CODECS = {name: MessageCodec(read_definition(name))
+           for name in (FFMPEG_PACKET, COMPRESSED_VIDEO)}
 #: Last part of the name of the topic of each type, as in image_transport.
 VIDEO_TOPICS = {FFMPEG_PACKET: 'ffmpeg', COMPRESSED_VIDEO: 'foxglove'}
 

@@ -44,8 +44,8 @@ PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.base',
         'opencv_tools.viewer.robot.reader')
 ALLOWED = {
     'opencv_tools.bags': {
-        'opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.video', 'lz4', 'mcap', 'yaml',
-        'zstandard'},
+        'opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.message_types',
+        'opencv_tools.video', 'lz4', 'mcap', 'yaml', 'zstandard'},
     'opencv_tools.base': {'tornado', 'tqdm'},
     'opencv_tools.calibration': {'opencv_tools.calibration', 'opencv_tools.image', 'cv2', 'yaml'},
     'opencv_tools.calibration.cli': {'opencv_tools.calibration.command'},
@@ -78,9 +78,7 @@ ALLOWED = {
         'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2', 'simplejpeg'},
-    'opencv_tools.message_types': {
-        'opencv_tools.image', 'opencv_tools.message_types', 'ament_index_python',
-        'rosidl_adapter'},
+    'opencv_tools.message_types': {'opencv_tools.image', 'opencv_tools.message_types'},
     'opencv_tools.nodes': {
         'opencv_tools.bags', 'opencv_tools.calibration.camera_file', 'opencv_tools.capture',
         'opencv_tools.cv_bridge', 'opencv_tools.image', 'opencv_tools.message_types',

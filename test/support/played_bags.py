@@ -103,8 +103,10 @@ def write_rosbag2(folder: Path, suffix: str, entries: Iterable[Entry]) -> Path:
         connections: dict[str, Any] = {}
         for entry in entries:
             if entry.topic not in connections:
+                options: dict[str, Any] = {'typestore': types} if not entry.definition else {
+                    'msgdef': entry.definition, 'rihs01': f'RIHS01_{"0" * 64}'}
                 connections[entry.topic] = writer.add_connection(
-                    entry.topic, entry.type_name, typestore=types)
+                    entry.topic, entry.type_name, **options)
             writer.write(connections[entry.topic], entry.log_ns, entry.data)
     return folder
 

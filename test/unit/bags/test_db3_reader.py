@@ -27,7 +27,7 @@ from hypothesis import given, settings, strategies
 import numpy as np
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.reading import BagMessage, BagTopic, MAX_BYTES
+from opencv_tools.bags.reading import BagMessage, BagTopic, MAX_BYTES, MAX_TEXT
 from opencv_tools.bags.schemas import IMAGE
 from opencv_tools.base.regular_files import RefusedFileError
 from played_bags import BEGAN_NS, Entry, image_entry, read_all, write_rosbag2, written
@@ -76,6 +76,33 @@ def test_messages_come_in_the_order_of_their_times(tmp_path: Path) -> None:
                for number in np.random.default_rng(1).permutation(40)]
     folder = write_rosbag2(tmp_path / 'bag', '.db3', entries)
     assert read_all(folder / 'bag.db3') == (written(entries), [])
+
+
+@pytest.mark.parametrize(('statements', 'begin'), [
+    ([], 'std_msgs/Header header\n'), (['DROP TABLE message_definitions'], ''),
+    (["UPDATE message_definitions SET encoding = 'ros2idl'"], ''),
+    (['UPDATE message_definitions SET encoded_message_definition = '
+      f"replace(hex(zeroblob({MAX_TEXT // 2})), '0', 'é')"], ''),
+    (["UPDATE message_definitions SET encoded_message_definition = x'ff'"], ''),
+    (["UPDATE message_definitions SET encoded_message_definition = CAST(x'ff' AS text)"],
+     '\ufffd'),
+    (["UPDATE message_definitions SET topic_type = 'a/A'"], ''),
+    (['ALTER TABLE message_definitions RENAME COLUMN encoding TO other'], ''),
+    (['DROP TABLE message_definitions', 'CREATE TABLE message_definitions(topic_type TEXT, '
+      'encoding TEXT, encoded_message_definition TEXT)', 'INSERT INTO message_definitions '
+      f"VALUES ('{IMAGE}', 'ros2msg', NULL)"], ''),
+    (['ALTER TABLE message_definitions RENAME TO old',
+      'CREATE VIEW message_definitions AS SELECT * FROM old'], ''),
+    (['DROP TABLE message_definitions', 'CREATE TABLE message_definitions(topic_type TEXT, '
+      "encoding TEXT DEFAULT 'ros2msg', encoded_message_definition TEXT GENERATED ALWAYS AS "
+      f"(hex(zeroblob(400000000))))", 'INSERT INTO message_definitions(topic_type) VALUES '
+      f"('{IMAGE}')"], '')], ids=range(11))
+def test_definitions(path: Path, statements: list[str], begin: str) -> None:
+    reader = Db3Reader(change(path, *statements))
+    for topic in reader.topics:
+        assert topic.definition.startswith(begin) and bool(topic.definition) == bool(begin)
+    reader.close()
+    assert read_all(path) == (written(ENTRIES), [])
 
 
 @pytest.mark.parametrize('statements', [

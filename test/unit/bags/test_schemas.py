@@ -12,37 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Definitions of the messages, compared with the files of ROS."""
+"""Schemas in bags, compared with the types that a reader finds without them."""
 
 from __future__ import annotations
 
-from pathlib import Path
-import re
-
-from ament_index_python import get_package_share_directory
-from opencv_tools import message_types
 from opencv_tools.bags.schemas import camera_info_topic, MESSAGE_DEFINITIONS
+from opencv_tools.message_types.definition import read_definition
 import pytest
 
 
-def fields(package: str, name: str) -> list[str]:
-    """Return the fields of a message of ROS, without comments."""
-    own = Path(message_types.__file__).parent / 'msg' / package / f'{name}.msg'
-    text = (own if own.exists() else
-            Path(get_package_share_directory(package)) / 'msg' / f'{name}.msg').read_text()
-    lines = (' '.join(line.partition('#')[0].split()) for line in text.splitlines())
-    return list(filter(None, lines))
-
-
 @pytest.mark.parametrize('type_name', MESSAGE_DEFINITIONS)
-def test_definition_is_that_of_ros(type_name: str) -> None:
-    package, _, name = type_name.split('/')
-    first, *others = re.split('={80}\nMSG: ', MESSAGE_DEFINITIONS[type_name])
-    assert first.splitlines() == fields(package, name)
-    assert others
-    for text in others:
-        title, *lines = text.splitlines()
-        assert lines == fields(*title.split('/'))
+def test_schema_has_all_types(type_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = read_definition(type_name)
+    monkeypatch.setattr('opencv_tools.message_types.definition._known_text', {}.__getitem__)
+    found = read_definition(type_name, MESSAGE_DEFINITIONS[type_name])
+    assert {name: each.fields for name, each in found.types.items()} == {
+        name: each.fields for name, each in expected.types.items()}
 
 
 @pytest.mark.parametrize(('topic', 'expected'), [

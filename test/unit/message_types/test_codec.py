@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from array import array
 import tracemalloc
+from types import SimpleNamespace
 from typing import Any
 
 from hypothesis import given, settings, strategies
@@ -126,6 +127,43 @@ def test_wrong_values(codec: MessageCodec, message: Any, text: str) -> None:
     with pytest.raises(CdrError) as raised:
         codec.write(message)
     assert text in str(raised.value)
+
+
+def test_message_objects_of_every_compiled_type() -> None:
+    for name in installed_texts():
+        codec, message = MessageCodec(installed_type(name)), compiled_class(name)()
+        if name == 'diagnostic_msgs/msg/DiagnosticStatus':
+            message.level = b'\7'
+        if name == 'std_msgs/msg/ByteMultiArray':
+            message.data = [b'\1', b'\xff']
+        assert plain(codec.read(codec.write(message))) == plain(
+            codec.read(serialize_message(message))), name
+
+
+def test_header_of_a_frame() -> None:
+    codec = MessageCodec(read_definition('vision_msgs/msg/Detection2DArray'))
+    header = compiled_class('std_msgs/msg/Header')(frame_id='camera')
+    header.stamp.sec = 5
+    found = codec.read(codec.write({'header': header, 'detections': [
+        {'header': SimpleNamespace(stamp={'sec': 6}, frame_id='b')}]}))
+    assert found['header'] == {'stamp': {'sec': 5, 'nanosec': 0}, 'frame_id': 'camera'}
+    assert found['detections'][0]['header']['stamp']['sec'] == 6
+    for wrong in (SimpleNamespace(frame_id='a'), header.stamp, 'a', 5):
+        with pytest.raises(CdrError, match='is not a mapping of the fields of std_msgs/msg/Head'):
+            codec.write({'header': wrong})
+    empty = MessageCodec(read_definition('std_msgs/Empty'))
+    assert empty.write(compiled_class('std_msgs/msg/Empty')()) == empty.write({})
+    with pytest.raises(CdrError, match='5 is not a mapping'):
+        empty.write(5)
+
+
+@pytest.mark.parametrize('value', [b'', b'ab', 'a'])
+def test_bytes_that_are_not_one_byte(value: Any) -> None:
+    codec = MessageCodec(read_definition('a/A', 'byte a\nbyte[] b'))
+    for message in ({'a': value}, {'b': [value]}):
+        with pytest.raises(CdrError, match='is byte, not'):
+            codec.write(message)
+    assert codec.read(codec.write({'a': b'\5'}))['a'] == 5
 
 
 @pytest.mark.parametrize('fields', ['wstring a', 'wstring<=3[] a'])
