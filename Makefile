@@ -236,6 +236,9 @@ test-camera: .venv/dev
 .venv-oldest/ready: newest = 12
 .venv-oldest/ready .venv-oldest/installed .venv-oldest/dev: requirements/constraints-oldest.txt
 
+# The requirements of package.txt.
+EXTRAS = core images video bags datasets viewer robots memory
+
 # $(1): virtual environment; $(2): arguments of pip. sed reduces the output to a line for each large
 # file and one for the installation. Without PEP 517, pip of Debian 12 installs commands elsewhere.
 define pip_install
@@ -246,7 +249,7 @@ define pip_install
   { echo 'pip failed; check that the package index is reachable (network, proxy)'; exit 1; }
 endef
 
-%/ready: requirements/package.txt
+%/ready: requirements/package.txt $(EXTRAS:%=requirements/%.txt)
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is required; select one with: make PYTHON=python3.12'; \
 	    exit 1; }
