@@ -3,7 +3,7 @@
 #                    of the pages with tsc, if npm is there
 # make test          build the package with colcon and run its quick tests
 # make test-changed  run the quick tests that the difference from main reaches
-# make test-thorough run all targets from test-slow to test-arm64, two at a time
+# make test-thorough run all targets from test-slow to test-docs, two at a time
 # make unit          run the tests that start no process, in less than a minute
 # make test-slow     run the tests that take long: many killed processes, large frames, many pairs
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
@@ -15,6 +15,7 @@
 # make test-ray      convert bags on a Ray cluster whose processes are killed
 # make test-lerobot  read data sets with LeRobot; installs 1.5 GB
 # make test-arm64    compare the parts without ROS on arm64 and here, with QEMU; needs Debian
+# make test-wheel    build the wheel, and use each extra where there is nothing else, without ROS
 # make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md
 # make docs          write the parameter page and build the documentation in build/docs/html
@@ -33,7 +34,8 @@
 SHELL := bash
 .DELETE_ON_ERROR:
 .PHONY: demo lint test test-changed test-thorough unit test-oldest test-kilted test-slow test-browser \
-  test-camera test-network test-interop test-ray test-lerobot test-arm64 test-docs bench docs soak clean
+  test-camera test-network test-interop test-ray test-lerobot test-arm64 test-wheel test-docs \
+  bench docs soak clean
 
 PYTHON ?= python3
 
@@ -48,7 +50,7 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
 
 # What test-thorough runs, the longest first.
 GROUPS ?= test-browser test-slow test-oldest test-kilted test-interop test-arm64 test-camera \
-  test-network test-docs test-ray
+  test-network test-wheel test-docs test-ray
 
 # Many tests wait for processes. Four workers keep two processors busy; each one imports all tests.
 WORKERS ?= 4
@@ -207,6 +209,10 @@ test-kilted: IGNORED = package unit/bags unit/calibration unit/capture unit/conv
   unit/image unit/recording unit/robot unit/video unit/viewer
 test-kilted: .venv-kilted/dev
 	$(call colcon_test,$(call in_venv,.venv-kilted),.venv-kilted/)
+
+# The extras are tested where there are no others, one environment after another.
+test-wheel: .venv/dev
+	@$(call in_venv,.venv) OPENCV_TOOLS_WHEEL=1 python -m pytest --quiet test/wheel
 
 # Ray starts its processes with this path as well.
 test-ray: .venv-ray/ready
