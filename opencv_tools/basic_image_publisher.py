@@ -92,6 +92,13 @@ class ImagePublisher(ClosableNode):
             self.done.set_result(status)
 
 
+#: What ``--help`` shows.
+EXECUTABLE = Executable(
+    name='img_publisher', node='image_publisher', settings=PublisherSettings,
+    description='Publish frames as sensor_msgs/Image on video_frames.',
+    example='-p source:=clip.mp4 -p publish_rate:=0')
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
@@ -99,11 +106,7 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if the source failed, 2 for invalid parameters or arguments.
     """
-    executable = Executable(
-        name='img_publisher', node='image_publisher', settings=PublisherSettings,
-        description='Publish frames as sensor_msgs/Image on video_frames.',
-        example='-p source:=clip.mp4 -p publish_rate:=0')
-    return run(executable, ImagePublisher, args, failures=())
+    return run(EXECUTABLE, ImagePublisher, args, failures=())
 
 
 if __name__ == '__main__':

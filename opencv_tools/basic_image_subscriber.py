@@ -175,6 +175,13 @@ class ImageSubscriber(ClosableNode):
             self.done.set_result(status)
 
 
+#: What ``--help`` shows.
+EXECUTABLE = Executable(
+    name='img_subscriber', node='image_subscriber', settings=RecorderSettings,
+    description='Record the images on video_frames as files.',
+    example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
@@ -182,11 +189,7 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if a frame or file failed, 2 for invalid parameters or arguments.
     """
-    executable = Executable(
-        name='img_subscriber', node='image_subscriber', settings=RecorderSettings,
-        description='Record the images on video_frames as files.',
-        example='-p output_dir:=/tmp/frames -p file_name:=f{seq:06d}.jpg')
-    return run(executable, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
+    return run(EXECUTABLE, lambda _: ImageSubscriber(), args, failures=(RecordingError,))
 
 
 if __name__ == '__main__':

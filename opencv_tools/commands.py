@@ -25,6 +25,7 @@ from functools import partial
 from importlib import import_module
 import os
 import signal
+import sys
 from typing import Any
 
 from opencv_tools.base.signals import end_at_signals
@@ -37,21 +38,37 @@ def _load(module: str) -> Any:
     return import_module(module)
 
 
-def _run_node(module: str, load: Callable[[str], Any] = _load) -> int:
+def _run(name: str, failure: int, run: Callable[[], int]) -> int:
+    """Run a command; print one sentence about a known library that cannot be imported."""
+    try:
+        return int(run())
+    except ImportError as err:
+        sentence = _load('opencv_tools.base.remedies').explain_missing(err)
+        if not sentence:
+            raise
+        print(f'{name}: error: {sentence}', file=sys.stderr)
+        return failure
+
+
+def _run_node(name: str, module: str, load: Callable[[str], Any] = _load) -> int:
+    def run() -> int:
+        if sys.argv[1:2] in (['-h'], ['--help'], ['--version']):
+            return int(_load('opencv_tools.nodes.help_text').show_help(name, sys.argv[1]))
+        return int(load(module).main())
+
     # A shell script starts background processes with SIGINT ignored. A node ends in spite of it.
-    return end_at_signals(
-        lambda: int(load(module).main()), status=0, ignorable=(signal.SIGHUP,))
+    return end_at_signals(lambda: _run(name, 1, run), status=0, ignorable=(signal.SIGHUP,))
 
 
 def _run_robot_command(name: str) -> int:
-    return end_at_signals(
-        lambda: int(getattr(_load('opencv_tools.robot.cli'), name)()))
+    return end_at_signals(lambda: _run(
+        name, 2, lambda: getattr(_load('opencv_tools.robot.cli'), name)()))
 
 
 def img_calibrate() -> int:
     """Run ``img_calibrate`` and return the exit status."""
-    return end_at_signals(lambda: int(_load('opencv_tools.calibration.cli').main(
-        search_topics=_search_topics)), status=1)
+    return end_at_signals(lambda: _run('img_calibrate', 1, lambda: _load(
+        'opencv_tools.calibration.cli').main(search_topics=_search_topics)), status=1)
 
 
 def _search_topics(*arguments: Any) -> Any:
@@ -60,14 +77,20 @@ def _search_topics(*arguments: Any) -> Any:
 
 def img_convert() -> int:
     """Run ``img_convert`` and return the exit status."""
-    return end_at_signals(lambda: int(_load('opencv_tools.convert.cli').main()), status=1)
+    return end_at_signals(lambda: _run(
+        'img_convert', 2, lambda: _load('opencv_tools.convert.cli').main()), status=1)
+
+
+def opencv_tools_info() -> int:
+    """Run ``opencv_tools_info`` and return the exit status."""
+    return end_at_signals(lambda: int(_load('opencv_tools.base.info').main()))
 
 
 # The user's function may multiply matrices.
-img_filter = partial(_run_node, 'opencv_tools.image_filter', import_module)
-img_publisher = partial(_run_node, 'opencv_tools.basic_image_publisher')
-img_subscriber = partial(_run_node, 'opencv_tools.basic_image_subscriber')
-img_viewer = partial(_run_node, 'opencv_tools.image_viewer')
+img_filter = partial(_run_node, 'img_filter', 'opencv_tools.image_filter', import_module)
+img_publisher = partial(_run_node, 'img_publisher', 'opencv_tools.basic_image_publisher')
+img_subscriber = partial(_run_node, 'img_subscriber', 'opencv_tools.basic_image_subscriber')
+img_viewer = partial(_run_node, 'img_viewer', 'opencv_tools.image_viewer')
 robot_compare = partial(_run_robot_command, 'robot_compare')
 robot_frames = partial(_run_robot_command, 'robot_frames')
 robot_view = partial(_run_robot_command, 'robot_view')

@@ -185,6 +185,13 @@ def parse_arguments(text: str) -> tuple[list[Any], dict[str, Any]]:
     return positional, keywords
 
 
+#: What ``--help`` shows.
+EXECUTABLE = Executable(
+    name='img_filter', node='image_filter', settings=FilterSettings,
+    description='Apply a function to the images on video_frames; publish filtered_frames.',
+    example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8")
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
@@ -192,11 +199,7 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if a frame failed, 2 for invalid parameters or arguments.
     """
-    executable = Executable(
-        name='img_filter', node='image_filter', settings=FilterSettings,
-        description='Apply a function to the images on video_frames; publish filtered_frames.',
-        example="-p function:=cv2:Canny -p arguments:='50, 150' -p encoding:=mono8")
-    return run(executable, lambda _: ImageFilter(), args, failures=())
+    return run(EXECUTABLE, lambda _: ImageFilter(), args, failures=())
 
 
 if __name__ == '__main__':

@@ -52,7 +52,7 @@ class ImageViewer(ClosableNode):
             if not str(err.name).startswith('tornado'):
                 raise
             raise ViewerError('img_viewer needs Tornado; '
-                              f'{installation("tornado", "python3-tornado")}') from err
+                              f'{installation("tornado")}') from err
         settings = declare_settings(self, ViewerSettings)
         log = self._log = Log(self.get_logger())
         calls = ExecutorCalls(self, log)
@@ -103,6 +103,13 @@ class ImageViewer(ClosableNode):
         self.done.set_result(EXIT_FAILURE)
 
 
+#: What ``--help`` shows.
+EXECUTABLE = Executable(
+    name='img_viewer', node='image_viewer', settings=ViewerSettings,
+    description='Show image topics in a browser.',
+    example='-p address:=0.0.0.0 -p port:=8080')
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """
     Run the node.
@@ -110,11 +117,7 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if the server cannot start, 2 for invalid parameters or arguments.
     """
-    executable = Executable(
-        name='img_viewer', node='image_viewer', settings=ViewerSettings,
-        description='Show image topics in a browser.',
-        example='-p address:=0.0.0.0 -p port:=8080')
-    return run(executable, lambda _: ImageViewer(), args, failures=(RecordingError, ViewerError))
+    return run(EXECUTABLE, lambda _: ImageViewer(), args, failures=(RecordingError, ViewerError))
 
 
 if __name__ == '__main__':

@@ -67,7 +67,8 @@ EXAMPLES = Path(__file__).parent.parent / 'examples'
 #: Folders of tests that run only within a command of their own, and the variable that it sets.
 OWN_COMMAND = {'browser': 'OPENCV_TOOLS_BROWSER', 'camera': 'OPENCV_TOOLS_CAMERA_MACHINE',
                'network': 'OPENCV_TOOLS_NETWORK', 'interop': 'OPENCV_TOOLS_INTEROP',
-               'on_ray': 'OPENCV_TOOLS_RAY', 'in_lerobot': 'OPENCV_TOOLS_LEROBOT'}
+               'on_ray': 'OPENCV_TOOLS_RAY', 'in_lerobot': 'OPENCV_TOOLS_LEROBOT',
+               'wheel': 'OPENCV_TOOLS_WHEEL'}
 collect_ignore = [folder for folder, variable in OWN_COMMAND.items() if variable not in os.environ]
 
 # Modules with fixtures. Tests import them before they name them in pytest_plugins.

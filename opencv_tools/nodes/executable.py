@@ -16,14 +16,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 import re
 
-from opencv_tools.base.arguments import CommandParser
 from opencv_tools.base.text import without_password
 from opencv_tools.nodes.command_line import check_ros_arguments
+from opencv_tools.nodes.help_text import node_parser
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start
 from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
@@ -72,14 +71,13 @@ class Executable:
             return self.priority, self.frame_bytes
         return read_start(self.settings, args, self.node)
 
+    def help_text(self, table: Sequence[Parameter]) -> str:
+        """Return the text for `node_parser`."""
+        return (f'{self.description}\n\nexample:\n  {self.name} --ros-args {self.example}\n\n'
+                f'{describe_parameters(table)}\n\n{ENVIRONMENT_HELP}')
+
     def _parse(self, args: list[str], table: Sequence[Parameter]) -> None:
-        parser = CommandParser(
-            prog=self.name, description=self.description,
-            formatter_class=argparse.RawTextHelpFormatter,
-            usage=f'{self.name} [--ros-args -p NAME:=VALUE ...]',
-            epilog=f'example:\n  {self.name} --ros-args {self.example}\n\n'
-                   f'{describe_parameters(table)}\n\n'
-                   f'{ENVIRONMENT_HELP}')
+        parser = node_parser(self.name, self.help_text(table))
         _, unknown = parser.parse_known_args(args[1:])
         if unknown:
             words = without_password(' '.join(unknown)).split(' ')

@@ -221,5 +221,5 @@ def import_av() -> Any:
         import av
     except ImportError as err:
         raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
-                         f'{installation("av", "python3-av")}') from err
+                         f'{installation("av")}') from err
     return av

@@ -250,7 +250,7 @@ def test_pages_are_in_the_contents() -> None:
     assert named == pages - {'docs/index'}
 
 
-def test_parameter_page_is_up_to_date() -> None:
+def test_parameter_page_and_help_are_up_to_date() -> None:
     spec = importlib.util.spec_from_file_location(
         'write_parameters', ROOT / 'docs' / 'write_parameters.py')
     assert spec and spec.loader
@@ -258,6 +258,7 @@ def test_parameter_page_is_up_to_date() -> None:
     spec.loader.exec_module(module)
     assert module.PAGE.read_text() == module.parameters_page(), (
         'docs/parameters.md is not that of the tables: run python3 docs/write_parameters.py')
+    assert {path: path.read_text() for path in module.FOLDER.iterdir()} == module.help_texts()
 
 
 @pytest.mark.parametrize('name', PARAMETERS)

@@ -32,8 +32,8 @@ import yaml
 
 
 EXECUTABLES = ['img_calibrate', 'img_convert', 'img_filter', 'img_publisher', 'img_subscriber',
-               'img_viewer', 'robot_compare', 'robot_frames', 'robot_view', 'sdf_to_urdf',
-               'urdf_to_sdf']
+               'img_viewer', 'opencv_tools_info', 'robot_compare', 'robot_frames', 'robot_view',
+               'sdf_to_urdf', 'urdf_to_sdf']
 
 
 @pytest.fixture

@@ -35,7 +35,8 @@ NAMES = frozenset(MODULES)
 ROBOT = 'opencv_tools.robot'
 # Modules of a room import only what stands here, beside base, the standard library and numpy.
 PURE = ('opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.base',
-        'opencv_tools.message_types', 'opencv_tools.recording.naming', 'opencv_tools.robot',
+        'opencv_tools.message_types', 'opencv_tools.nodes.help_text',
+        'opencv_tools.recording.naming', 'opencv_tools.robot',
         'opencv_tools.video.bit_stream', 'opencv_tools.video.packet',
         'opencv_tools.video.parameter_sets', 'opencv_tools.video.settings',
         'opencv_tools.viewer.access', 'opencv_tools.viewer.certificate',

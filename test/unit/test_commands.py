@@ -23,7 +23,10 @@ from pathlib import Path
 import subprocess
 import sys
 
+import cv2
 from opencv_tools.base.arguments import package_version
+from opencv_tools.base.info import main as info_main
+from opencv_tools.base.remedies import LIBRARIES
 import opencv_tools.commands
 import pytest
 from waiting import LONGEST_SECONDS
@@ -37,7 +40,7 @@ NAMES = [line.partition(' = ')[0] for line in LINES]
 
 
 def test_entry_points_of_the_package() -> None:
-    assert len(NAMES) == 11
+    assert len(NAMES) == 12
     assert [f'{name} = opencv_tools.commands:{name}' for name in NAMES] == LINES
     assert all(callable(getattr(opencv_tools.commands, name)) for name in NAMES)
 
@@ -59,7 +62,7 @@ def test_imports_before_signals_are_handled() -> None:
     ('img_filter', '', 'as numpy chooses'), ('img_publisher', '2', '2')])
 def test_threads_of_numpy(command: str, asked: str, threads: str) -> None:
     script = ('import os, sys, opencv_tools.commands as commands\n'
-              'sys.argv[1:] = ["--help"]\n'
+              'sys.argv[1:] = ["--nonsense"]\n'
               'try:\n    getattr(commands, sys.argv[0])()\n'
               'except SystemExit:\n    pass\n'
               'print(os.environ.get("OPENBLAS_NUM_THREADS", "as numpy chooses"))')
@@ -83,6 +86,75 @@ def test_version_of_all_commands() -> None:
                               text=True, timeout=LONGEST_SECONDS, check=True)
     version = importlib.metadata.version('opencv_tools')
     assert finished.stdout == ''.join(f'{name} {version}\n0\n' for name in NAMES)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('option', ['--help', '--version'])
+def test_help_and_version_without_any_library(option: str) -> None:
+    # A node's text comes from a file, so neither ROS nor numpy is imported.
+    script = ('import sys, opencv_tools.commands as commands\n'
+              f'sys.modules.update(dict.fromkeys({[*LIBRARIES]}))\n'
+              'for name in sys.argv[2:]:\n'
+              '    sys.argv[:2] = [name, sys.argv[1]]\n'
+              '    try:\n        getattr(commands, name)()\n'
+              '    except SystemExit as end:\n        assert not end.code, name\n'
+              '    else:\n        raise AssertionError(name)')
+    finished = subprocess.run([sys.executable, '-c', script, option, *NAMES], text=True,
+                              capture_output=True, timeout=LONGEST_SECONDS, check=False)
+    assert (finished.returncode, finished.stderr) == (0, '')
+    shown = [line.split()[1 if option == '--help' else 0] for line in finished.stdout.splitlines()
+             if line.startswith('usage: ' if option == '--help' else tuple(NAMES))]
+    assert shown[0] == NAMES[0] and {*NAMES} <= {*shown}
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('command', 'arguments', 'missing', 'status', 'sentence'), [
+    ('img_publisher', [], 'cv2', 1, 'OpenCV is needed, but cannot be imported (import of cv2 h'),
+    ('img_viewer', [], 'rclpy', 1, 'ROS 2 is needed, but cannot be imported (No mod'),
+    ('img_convert', ['pattern', '{seq}.png'], 'cv2', 2, 'OpenCV is needed'),
+    ('img_calibrate', ['--board', 'chessboard:9x6:25mm', '.'], 'cv2', 1, 'OpenCV is needed'),
+    ('robot_frames', ['-'], 'lxml', 2, 'lxml is needed')])
+def test_missing_library_is_one_sentence(
+        command: str, arguments: list[str], missing: str, status: int, sentence: str) -> None:
+    script = ('import sys, opencv_tools.commands as commands\n'
+              f'sys.modules[{missing!r}] = None\n'
+              f'sys.argv = {[command, *arguments]}\n'
+              f'sys.exit(commands.{command}())')
+    finished = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                              timeout=LONGEST_SECONDS, check=False)
+    assert finished.returncode == status, finished.stderr
+    assert finished.stderr.count('\n') == 1
+    assert finished.stderr.startswith(f'{command}: error: {sentence}')
+    assert 'install it with ' in finished.stderr or 'source an installed ROS' in finished.stderr
+
+
+@pytest.mark.parametrize('name', ['opencv_tools.nothing', 'nothing', None])
+def test_import_error_of_our_own_is_not_hidden(
+        monkeypatch: pytest.MonkeyPatch, name: str | None) -> None:
+    def main() -> int:
+        raise ImportError('a bug', name=name)
+
+    monkeypatch.setattr('opencv_tools.convert.cli.main', main)
+    monkeypatch.setattr('opencv_tools.base.signals.handle_signals', lambda *_: None)
+    monkeypatch.setattr('opencv_tools.base.signals.ignore_signals', lambda: None)
+    with pytest.raises(ImportError, match='a bug'):
+        opencv_tools.commands.img_convert()
+
+
+def test_libraries_have_one_line_each(
+        monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(sys.modules, 'mcap', None)
+    monkeypatch.setenv('ROS_DISTRO', 'jazzy')
+    assert info_main([]) == 0
+    head, *lines = capsys.readouterr().out.splitlines()
+    assert head.startswith(f'opencv_tools {package_version()}, Python 3.')
+    assert head.endswith('ROS_DISTRO jazzy')
+    assert len(lines) == len({*LIBRARIES.values()})
+    found = {line[:11].strip(): line[12:] for line in lines}
+    assert found['OpenCV'].startswith(f'{cv2.__version__[:4]}')
+    assert found['mcap'].startswith('missing    MCAP bags')
+    assert "'pip install mcap'" in found['mcap']
+    assert found['ROS 2'].endswith('nodes and live topics, with rmw_fastrtps_cpp')
 
 
 def test_version_without_installation(monkeypatch: pytest.MonkeyPatch) -> None:

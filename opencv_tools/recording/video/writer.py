@@ -172,7 +172,7 @@ def check_video() -> None:
         Codec('libx264', 'w')
     except ImportError as err:
         raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
-                         f'{installation("av", "python3-av")}') from err
+                         f'{installation("av")}') from err
     except ValueError as err:
         raise VideoError('videos need libx264, which the installed PyAV does not include; '
                          f'{installation("--force-reinstall av")}') from err

@@ -63,7 +63,7 @@ def matplotlib_module(name: str = '', package: str = 'matplotlib') -> Any:
         return import_module(f'{package}.{name}' if name else package)
     except ImportError as err:
         raise DescriptionError('pictures need matplotlib; '
-                               f'{installation("matplotlib", "python3-matplotlib")}') from err
+                               f'{installation("matplotlib")}') from err
 
 
 def save(path: str, draw: Callable[[], Any]) -> None:

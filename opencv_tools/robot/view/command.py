@@ -79,7 +79,7 @@ def _serve(view: ViewOptions, port: int) -> int:
         from opencv_tools.robot.view.server import serve
     except ImportError as err:
         raise DescriptionError('the page on this machine needs Tornado: write the page to a file '
-                               f'with --html, or {installation("tornado", "python3-tornado")}'
+                               f'with --html, or {installation("tornado")}'
                                ) from err
     with suppress(asyncio.CancelledError):
         asyncio.run(serve(view, port, print_message))

@@ -67,7 +67,7 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
         patched = _PatchedXacro(report)
     except ImportError as err:
         raise DescriptionError('is a xacro file, but the package xacro is not installed; '
-                               f'{installation("xacro", "ros-jazzy-xacro")}', source=source
+                               f'{installation("xacro")}', source=source
                                ) from err
     values = _Arguments(arguments)
     output = StringIO()  # of the file and of xacro
