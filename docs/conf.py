@@ -56,9 +56,10 @@ def moved_links(text: str) -> str:
 
 
 def insert_page(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Replace the page ``contributing`` by the text of the root folder."""
-    if docname == 'contributing' and (ROOT / 'CONTRIBUTING.md').is_file():
-        source[0] = moved_links((ROOT / 'CONTRIBUTING.md').read_text(encoding='utf-8'))
+    """Replace the pages ``contributing`` and ``changelog`` by the texts of the root folder."""
+    for file, page in PAGES.items():
+        if docname == Path(page).stem and (ROOT / file).is_file():
+            source[0] = moved_links((ROOT / file).read_text(encoding='utf-8'))
     for file, page in PAGES.items():
         source[0] = source[0].replace(f'](../{file}', f']({page}')
 

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Draw the imports in ``docs/architecture.md`` from the code.
+Write the page ``docs/imports.md`` with pictures of the imports in the code.
 
 Run ``python3 docs/write_imports.py`` after an import between two folders has changed. ``make
 docs`` does so too.
@@ -25,12 +25,34 @@ import ast
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-import re
 
 ROOT = Path(__file__).parents[1]
-PAGE = Path(__file__).with_name('architecture.md')
+PAGE = Path(__file__).with_name('imports.md')
 
 Graph = Mapping[str, frozenset[str]]
+
+_TEXT = """# Imports
+
+<!-- Written by docs/write_imports.py from the code. Do not edit this page. -->
+
+This page is for those who add an import between two folders.
+[Architecture](architecture.md#rules-for-imports) has the rules.
+
+Each folder, or module without a folder, stands above all that it imports. Behind the arrow are its
+imports, without those that one of them imports, too.
+
+## Images
+
+```text
+{}```
+
+## Robots
+
+In `robot/`, which imports only small modules of the rest:
+
+```text
+{}```
+"""
 
 
 @cache
@@ -134,15 +156,11 @@ def _group_of_robots(module: str) -> str:
 
 
 def page() -> str:
-    """Return the text of ``docs/architecture.md`` with the pictures of today's imports."""
-    text = PAGE.read_text()
-    for title, group in (('images', _group_of_images), ('robots', _group_of_robots)):
-        block = f'```text\n{picture(grouped(module_imports(), group))}```\n'
-        mark = f'<!-- Imports of {title}: written by docs/write_imports.py -->\n'
-        text = re.sub(f'{re.escape(mark)}```text\n.*?```\n',
-                      lambda _, new=mark + block: new, text, flags=re.DOTALL)  # type: ignore[misc]
-    return text
+    """Return the text of the page with the pictures of today's imports."""
+    pictures = (picture(grouped(module_imports(), group))
+                for group in (_group_of_images, _group_of_robots))
+    return _TEXT.format(*pictures)
 
 
 if __name__ == '__main__':
-    PAGE.write_text(page())
+    PAGE.write_text(page(), encoding='utf-8')

@@ -41,11 +41,16 @@ import sys
 
 from conftest import executable
 from documentation import (
-    Block, matches, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
+    Block, matches, NOTHING_SEEN, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
 from documentation_runs import copy_project, run
 from documented_commands import check_command, check_span, PARAMETERS
 from opencv_tools.image.encodings import ENCODINGS
 from opencv_tools.nodes.parameters import describe_parameters
+from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
+from opencv_tools.transport.shared_frames.reader import MAX_VIEWS
+from opencv_tools.viewer.inspect.looks import MAX_LOOKS
+from opencv_tools.viewer.overlays.boxes import MAX_BOXES, MAX_DETECTIONS
+from opencv_tools.viewer.recording.page_recorder import MAX_RECORDED
 import pytest
 from rows import failures
 from waiting import LONGEST_SECONDS
@@ -183,6 +188,35 @@ def test_language_and_marks_of_a_block() -> None:
     assert wrong_blocks(check, *(block.language for block in BLOCKS)) == []
 
 
+def test_no_block_waits_for_a_warning() -> None:
+    def check(block: Block) -> None:
+        assert NOTHING_SEEN.match(block.until) is None, f'{block.name}: a reader sees nothing'
+
+    assert wrong_blocks(check, *RUN) == []
+
+
+def test_counted_recordings_end() -> None:
+    def check(block: Block) -> None:
+        for command, _ in block.commands():
+            assert not ('img_subscriber' in command and 'max_frames:=' in command) or re.search(
+                'on_overflow:=block|timeout:=', command), f'{block.name}: lost frames do not count'
+            assert not (command.startswith('kill') and '.mp4' in block.code), (
+                f'{block.name}: the clip may have ended before')
+
+    assert wrong_blocks(check, 'bash', 'console') == []
+
+
+def test_blocks_with_ros_say_so() -> None:
+    def check(block: Block) -> None:
+        lines = (ROOT / block.page).read_text().splitlines()[:block.line - 1]
+        section = re.split(r'^#+ ', '\n'.join(lines), flags=re.MULTILINE)[-1]
+        assert not re.search(r'^ros2 ', block.code, re.MULTILINE) or re.search(
+            r'(with|(needs?|have) an installed) ROS\b', ' '.join(section.split()), re.IGNORECASE), (
+                f'{block.name}: the text does not say that it needs ROS')
+
+    assert wrong_blocks(check, 'bash', 'console') == []
+
+
 def test_prompt_of_a_block() -> None:
     def check(block: Block) -> None:
         assert block.code.startswith('$ ') == (block.language == 'console'), (
@@ -231,6 +265,9 @@ def test_names_in_text() -> None:
 def test_readme_is_a_front_door() -> None:
     text = (ROOT / 'README.md').read_text()
     assert text.count('\n') <= 150
+    first_screen = ' '.join(text.splitlines()[:25])
+    assert '`img_subscriber` opens no window' in first_screen
+    assert '`img_viewer` shows pictures' in first_screen
     order = ('viewer.jpg', '$ make demo', 'img_viewer\n', 'img_subscriber --ros-args',
              'ros2 run opencv_tools img_publisher', 'ros2 run opencv_tools img_subscriber',
              '`make test`', '0.22 ms')
@@ -248,6 +285,33 @@ def test_pages_are_in_the_contents() -> None:
     pages = {str(path.relative_to(ROOT).with_suffix('')) for kind in ('*.md', '*.rst')
              for path in (ROOT / 'docs').rglob(kind)}
     assert named == pages - {'docs/index'}
+
+
+def test_first_line_says_for_whom() -> None:
+    texts = {path.name: re.sub(r'<!--.*?-->', '', (ROOT / path).read_text(), flags=re.DOTALL)
+             for path in PAGES if path.parts[0] == 'docs' and path.name != 'install.md'
+             and path.parts[1:-1] != ('decisions',)}
+    assert [name for name, text in texts.items() if not re.match(
+        r'# .*\s+(This page is|These pages are) for ', text)] == []
+
+
+def test_words_of_the_code_are_explained() -> None:
+    users = [path for path in PAGES if path.name not in (
+        'architecture.md', 'data_ways.md', 'imports.md', 'parameters.md')]
+    texts = {str(path): (ROOT / path).read_text() for path in users}
+    assert [name for name, text in texts.items()
+            if re.search('parameter sets?|level 6', text, re.IGNORECASE)] == []
+    assert [name for name, text in texts.items() if name != 'README.md' and re.search(
+        r'\bexecutor\b', re.sub('`+.*?`+', '', text, flags=re.DOTALL))
+        and '*executor*' not in text] == []
+
+
+def test_limits_are_those_of_the_code() -> None:
+    page = (ROOT / 'docs' / 'limits.md').read_text()
+    for row in (f'without a copy | {MAX_VIEWS} |', f'stands still | {MAX_DEPTH} |',
+                f'at once | 1, of {MAX_RECORDED} topics |', f'can be asked | {MAX_LOOKS} topics |',
+                f'the {MAX_BOXES} boxes with', f'{MAX_DETECTIONS:,} boxes, 8 MB'):
+        assert row in page
 
 
 def test_parameter_page_and_help_are_up_to_date() -> None:

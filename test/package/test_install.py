@@ -174,9 +174,10 @@ def test_one_text_for_missing_libraries() -> None:
                 'opencv_tools/base/remedies.py']
 
 
-def test_names_in_architecture_page() -> None:
+def test_names_in_pages_about_the_code() -> None:
     root = Path(__file__).parents[2]
-    page = root.joinpath('docs', 'architecture.md').read_text()
+    page = ''.join(root.joinpath('docs', name).read_text()
+                   for name in ('architecture.md', 'data_ways.md'))
     paths = re.findall(r'`((?:\w+/)+(?:\w+\.py)?)`', page)
     assert len(paths) > 30
     assert [path for path in paths if not (root / 'opencv_tools' / path).exists()

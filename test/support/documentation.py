@@ -43,6 +43,11 @@ exit 1
 """,
     'sudo': '#!/bin/bash\nexec "$@"\n'}
 
+#: Begin of the texts of nodes that have nothing to do. No block may wait for one.
+NOTHING_SEEN = re.compile(r'[Nn]o |Waiting|Filtering')
+#: Warnings at the end of an example that did nothing.
+NOTHING_DONE = re.compile(r'No topic (of the bag is published|was recorded)')
+
 _FENCE = re.compile(r'( *)(`{3,}|~{3,})([^`]*)$')
 _MARK = re.compile(r'<!-- test: (.*) -->$')
 _LINK = re.compile(

@@ -52,7 +52,7 @@ MAKE_TARGETS = re.findall(r'^\.PHONY: (.*)$', _MAKEFILE, re.MULTILINE)[0]
 #: Controls that most cameras have; the node has a parameter for each of the camera's own.
 CAMERA_CONTROLS = {'brightness', 'exposure_time_absolute', 'white_balance_automatic'}
 # Packages of others whose executables and launch files the pages name.
-_OTHER_PACKAGES = {'ros_gz_sim'}
+_OTHER_PACKAGES = {'my_package', 'ros_gz_sim'}
 _ENDS = {'|', '||', '&', '&&', ';', '(', ')'}
 
 
@@ -163,4 +163,4 @@ def _check_ros2(verb: str, *arguments: str) -> None:
         package, kind, name = arguments[2].split('/')
         assert hasattr(importlib.import_module(f'{package}.{kind}'), name), arguments
     else:
-        assert verb in ('bag', 'interface', 'node', 'topic'), verb
+        assert verb in ('bag', 'interface', 'node', 'pkg', 'topic'), verb

@@ -29,11 +29,12 @@ import select
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 
 import cv2
 from documentation import (
-    add_stand_ins, Block, copy_used, matches, PAGES, read_blocks, ROOT)
+    add_stand_ins, Block, copy_used, matches, NOTHING_DONE, PAGES, read_blocks, ROOT)
 import numpy as np
 from waiting import status_of, wait_until, work_of
 
@@ -117,6 +118,7 @@ def _type_block(block: Block, shell: Shell) -> None:
         status, output = shell.enter(command, block.until if is_long else '')
         text = f'{block.name}: {command} prints\n{output}'
         assert status == 0 and 'Traceback' not in output, f'{text}\nand ends with {status}'
+        assert NOTHING_DONE.search(output) is None, f'{text}\nso there is nothing to see'
         assert block.language != 'console' or matches(shown, output), f'{text}\nnot\n{shown}'
     shell.enter('wait')
     assert shell.enter('jobs')[1] == '', block.name
@@ -133,11 +135,11 @@ def check_readme(folder: Path) -> None:
 
 
 def main() -> None:
-    """Type all pages, each into a shell and a copy of the project of its own."""
+    """Type the named pages or all, each into a shell and a copy of the project of its own."""
     # The shells inherit that a script in the background ignores Ctrl-C.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     outer = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
-    for page in PAGES:
+    for page in map(Path, sys.argv[1:]) if sys.argv[1:] else PAGES:
         print(f'Typing {page}', flush=True)
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary, 'opencv_tools')
