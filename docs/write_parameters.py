@@ -36,7 +36,8 @@ _INTRODUCTION = """\
 <!-- Written by docs/write_parameters.py from the tables in the code. Do not edit this page. -->
 
 This page is for those who look up a parameter of a node. Set a parameter at the start with
-`--ros-args -p NAME:=VALUE`, or in a file with `--params-file`. See [Setting parameters](publisher.md#setting-parameters). `--help` prints the same as text.
+`--ros-args -p NAME:=VALUE`, or in a file with `--params-file`. See
+[Setting parameters](publisher.md#setting-parameters). `--help` prints the same as text.
 
 - *values*: the valid values. The description explains a text without a list of values.
 - *at run time*: whether the parameter can be changed while the node runs, for example with

@@ -41,7 +41,8 @@ import sys
 
 from conftest import executable
 from documentation import (
-    Block, matches, NOTHING_SEEN, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT, RUN, SHOWN)
+    Block, matches, NOTHING_SEEN, PAGES, read_anchors, read_blocks, read_links, read_spans, ROOT,
+    RUN, SHOWN)
 from documentation_runs import copy_project, run
 from documented_commands import check_command, check_span, PARAMETERS
 from opencv_tools.image.encodings import ENCODINGS
@@ -211,8 +212,8 @@ def test_blocks_with_ros_say_so() -> None:
         lines = (ROOT / block.page).read_text().splitlines()[:block.line - 1]
         section = re.split(r'^#+ ', '\n'.join(lines), flags=re.MULTILINE)[-1]
         assert not re.search(r'^ros2 ', block.code, re.MULTILINE) or re.search(
-            r'(with|(needs?|have) an installed) ROS\b', ' '.join(section.split()), re.IGNORECASE), (
-                f'{block.name}: the text does not say that it needs ROS')
+            r'(with|(needs?|have) an installed) ROS\b', ' '.join(section.split()),
+            re.IGNORECASE), f'{block.name}: the text does not say that it needs ROS'
 
     assert wrong_blocks(check, 'bash', 'console') == []
 

@@ -175,7 +175,6 @@ def test_commands_and_jobs(version: str, extra: str, built: Path, folder: Path) 
     assert problems == []
 
 
-@pytest.mark.xfail(strict=True, reason='definitions of messages are read by a part of ROS')
 @pytest.mark.parametrize('name', jobs.JOINTS)
 def test_joints_without_ros(name: str, built: Path, folder: Path) -> None:
     version, extra = next(iter(PYTHONS)), 'datasets'
