@@ -95,7 +95,7 @@ def test_messages_come_in_the_order_of_their_times(tmp_path: Path) -> None:
       'CREATE VIEW message_definitions AS SELECT * FROM old'], ''),
     (['DROP TABLE message_definitions', 'CREATE TABLE message_definitions(topic_type TEXT, '
       "encoding TEXT DEFAULT 'ros2msg', encoded_message_definition TEXT GENERATED ALWAYS AS "
-      f"(hex(zeroblob(400000000))))", 'INSERT INTO message_definitions(topic_type) VALUES '
+      '(hex(zeroblob(400000000))))', 'INSERT INTO message_definitions(topic_type) VALUES '
       f"('{IMAGE}')"], '')], ids=range(11))
 def test_definitions(path: Path, statements: list[str], begin: str) -> None:
     reader = Db3Reader(change(path, *statements))

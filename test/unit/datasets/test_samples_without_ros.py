@@ -31,14 +31,14 @@ from played_bags import Entry, write_mcap, write_rosbag2
 import pytest
 from waiting import LONGEST_SECONDS
 
-GRIPPER = '''\
+GRIPPER = """\
 builtin_interfaces/Time stamp
 uint8 CLOSED=1
 Finger[2] fingers
 ================================================================================
 MSG: own_msgs/Finger
 float64 width 0.5
-'''
+"""
 MAIN = 'from opencv_tools.convert.cli import main\nsys.exit(main(sys.argv[1:]))'
 
 

@@ -197,8 +197,8 @@ def test_levels() -> None:
 
 
 @pytest.mark.parametrize(('text', 'message'), [
-    (None, "the definition of a/msg/A is not known; source the workspace of 'a', or add its folder "
-           'with share/a to AMENT_PREFIX_PATH'),
+    (None, "the definition of a/msg/A is not known; source the workspace of 'a', or add its "
+           'folder with share/a to AMENT_PREFIX_PATH'),
     ('B b', 'the definition of a/msg/B is not known'),
     ('A a', 'a/msg/A contains itself'),
     (f'B b{SEPARATOR}a/B\nA[] a', 'a/msg/A contains itself'),
