@@ -35,7 +35,7 @@ BRINGS = {
     'images': ('OpenCV', 'simplejpeg'), 'video': ('PyAV',), 'bags': ('mcap', 'zstandard', 'lz4'),
     'datasets': ('pyarrow',), 'viewer': ('Tornado',), 'robots': ('lxml', 'xacro', 'matplotlib'),
     'memory': ('iceoryx2',)}
-MISSING = re.compile(r"; install it with [^;]*'pip install |source an installed ROS 2|"
+MISSING = re.compile(r"(; |, or )install it with [^;]*'pip install |source an installed ROS 2|"
                      'source its setup.bash')
 BOARD = 'charuco:8x6:30mm:22mm:5x5_250'
 

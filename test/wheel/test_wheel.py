@@ -57,6 +57,7 @@ PROMISES = {
     'datasets.md: needs neither ROS nor LeRobot nor torch': 'joints of db3',
     'how_do_i.md: needs no screen':
         'test/unit/nodes/test_log_folder.py::test_node_in_an_unwritable_home',
+    'how_do_i.md: needs no server': 'page of a robot',
     'networking.md: need no profile file':
         'test/nodes/test_transport.py::test_large_frames_to_a_reliable_subscriber',
     'networking.md: need neither setting':
