@@ -86,6 +86,12 @@ JOBS = {
     'set of db3': Job(
         {'datasets'}, [f'img_convert drive_db3 set_db3 {_SET}'],
         {'set_db3/meta/info.json': b'{'}),
+    'joints': Job(
+        {'datasets'}, [f'img_convert drive.mcap joints {_JOINTS}', 'img_convert --check joints'],
+        {'joints/meta/info.json': b'{'}),
+    'joints of db3': Job(
+        {'datasets'}, [f'img_convert drive_db3 db3_joints {_JOINTS}'],
+        {'db3_joints/meta/info.json': b'{'}),
     'robots': Job(
         {'robots'},
         ['urdf_to_sdf urdf/my_arm.urdf -o arm.sdf', 'sdf_to_urdf arm.sdf -o arm.urdf',
@@ -100,15 +106,6 @@ JOBS = {
         ['img_publisher --ros-args -p source:=pattern', 'img_subscriber', 'img_viewer',
          'img_filter --ros-args -p function:=numpy:flip',
          f'img_calibrate --topic /image_raw --board {BOARD} -o live.yaml']),
-}
-#: Sets with the joints of a robot, whose messages have no type of this package.
-JOINTS = {
-    'joints': Job(
-        {'datasets'}, [f'img_convert drive.mcap joints {_JOINTS}', 'img_convert --check joints'],
-        {'joints/meta/info.json': b'{'}),
-    'joints of db3': Job(
-        {'datasets'}, [f'img_convert drive_db3 db3_joints {_JOINTS}'],
-        {'db3_joints/meta/info.json': b'{'}),
 }
 
 

@@ -176,13 +176,6 @@ def test_commands_and_jobs(version: str, extra: str, built: Path, folder: Path) 
     assert problems == []
 
 
-@pytest.mark.parametrize('name', jobs.JOINTS)
-def test_joints_without_ros(name: str, built: Path, folder: Path) -> None:
-    version, extra = next(iter(PYTHONS)), 'datasets'
-    environment = installed(PYTHONS[version], extra, built, folder.parent)
-    assert jobs.problems_of(jobs.JOINTS[name], environment, jobs.EXTRAS[extra], folder) == []
-
-
 def test_each_extra_of_setup_is_tested(built: Path) -> None:
     wheel, = built.glob('*.whl')
     with zipfile.ZipFile(wheel) as archive:
@@ -226,4 +219,4 @@ def test_each_promise_has_a_check() -> None:
     assert sorted({*PROMISES} - {*found}) == [], 'no page says this any more'
     for check in PROMISES.values():
         path, _, name = check.partition('::')
-        assert check in {*jobs.JOBS, *jobs.JOINTS} or name in (ROOT / path).read_text(), check
+        assert check in jobs.JOBS or name in (ROOT / path).read_text(), check
