@@ -31,7 +31,8 @@ from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import (
     check_jpeg, jpeg_components, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
-from opencv_tools.image.picture_formats import CODEC_TYPES, why_not_stored
+from opencv_tools.image.picture_formats import (
+    CODEC_TYPES, compressed_form, why_not_stored)
 
 # The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
 _OPTIONS = dict.fromkeys(('.tif', '.tiff'), (cv2.IMWRITE_TIFF_COMPRESSION, 5))
@@ -94,6 +95,29 @@ def encode_image(
     if not encoded:
         raise CodecError(f'OpenCV cannot encode {described} as {suffix[1:]}')
     return content.reshape(-1)
+
+
+def encode_compressed(
+    image: NDArray[Any], encoding: Encoding, wanted: str, quality: int,
+) -> tuple[NDArray[np.uint8], str]:
+    """
+    Encode an image for a topic of compressed images.
+
+    :param image: (h, w) or (h, w, c) array of any strides and byte order.
+    :param wanted: see ``opencv_tools.image.picture_formats.compressed_form``.
+    :param quality: quality of JPEG, 1 to 100.
+    :returns: content, (n,) uint8, and format string as compressed_image_transport writes it.
+    :raises CodecError: the codec cannot store the image.
+    :raises ConversionError: the image cannot be converted.
+    """
+    codec, stored = compressed_form(encoding, wanted)
+    native = np.ascontiguousarray(image, np.dtype(encoding.dtype))
+    if stored != encoding:
+        native = convert_image(native, encoding, stored)
+    # The format string has the encoding of the image only if it can be converted back to it.
+    kept = encoding.kind == stored.kind and encoding.dtype == stored.dtype
+    return encode_image(native, f'.{codec}', quality if codec == 'jpeg' else None), (
+        f'{(encoding if kept else stored).name}; {codec} compressed {stored.name}')
 
 
 def decode_image(

@@ -104,6 +104,32 @@ def integer(text: str, least: int = 0, most: int | None = None) -> int:
 positive = partial(integer, least=1)
 
 
+def number_range(text: str) -> tuple[float, float]:
+    """
+    Return an argument ``LOW:HIGH`` as two numbers, for `argparse`.
+
+    :raises argparse.ArgumentTypeError: it has another form, or the first number is not smaller.
+    """
+    try:
+        low, high = map(float, text.split(':'))
+        check_range(low, high, 'LOW', 'HIGH')
+    except ValueError as err:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not LOW:HIGH, two numbers with the smaller one first') from err
+    return low, high
+
+
+def check_range(low: float, high: float, name: str, other: str) -> None:
+    """
+    Check the limits of numbers.
+
+    :raises ValueError: they are not finite, or the first one is not smaller.
+    """
+    if not -math.inf < low < high < math.inf:
+        raise ValueError(f'{name} is {low:g}, which is not below {other} {high:g}: give a smaller '
+                         f'{name}')
+
+
 def real(text: str) -> float:
     """Return an argument as a number; not a number, which no comparison accepts, for a text."""
     try:

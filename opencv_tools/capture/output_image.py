@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The forms in which a captured frame is published: converted pixels and a JPEG."""
+"""The forms in which a captured frame is published: converted pixels and compressed."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from opencv_tools.image.errors import JpegError, SizeError
 from opencv_tools.image.image_size import image_size
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
-from opencv_tools.image.picture_formats import why_not_stored
+from opencv_tools.image.picture_formats import why_not_compressed
 from opencv_tools.image_codecs import (
-    check_complete, convert_image, decode_image, encode_image, turn_image)
+    check_complete, convert_image, decode_image, encode_compressed, turn_image)
 from opencv_tools.video.packet import VideoPacket
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
@@ -104,37 +104,38 @@ class OutputImage:
         return f'{width}x{height} {shown}'
 
     @cached_property
-    def jpeg(self) -> tuple[NDArray[Any], str]:
+    def compressed(self) -> tuple[NDArray[Any], str]:
         """
-        JPEG, (n,) uint8 array, and its format string as compressed_image_transport writes it.
+        JPEG or PNG, (n,) uint8 array, and its format string as compressed_image_transport writes.
 
         The compressed image of a camera or bag is used unchanged when the settings allow it.
         """
-        if _has_jpeg(self):
+        if _is_kept(self):
             if self.frame.recorded:
                 return self.frame.image, self._format
             if self._is_gray_jpeg:
                 return self.frame.image, 'mono8; jpeg compressed mono8'
             return self.frame.image, f'{self.settings.encoding or "bgr8"}; jpeg compressed bgr8'
-        image, actual = self._pixels
-        stored = find_encoding('mono8' if actual.order == 'y' else 'bgr8')
-        if actual != stored:
-            image = convert_image(_native(image, actual), actual, stored)
-        data = encode_image(np.ascontiguousarray(image), '.jpg', self.settings.jpeg_quality)
-        # The JPEG no longer has the encoding of 16-bit and non-colour images, so the format
-        # string contains the encoding that is stored.
-        declared = actual.name if actual.name in _AS_JPEG else stored.name
-        return data, f'{declared}; jpeg compressed {stored.name}'
+        return encode_compressed(
+            *self._pixels, self.settings.compressed_format, self.settings.jpeg_quality)
 
     @property
-    def why_no_jpeg(self) -> str:
-        """Reason why the image has no JPEG; '' if it has one."""
-        if _has_jpeg(self):
+    def why_not_compressed(self) -> str:
+        """Reason why the image has no compressed form; '' if it has one."""
+        if _is_kept(self):
             return ''
-        encoding = self._pixels[1]
-        reason = ('is neither gray nor in colours, as JPEG is' if encoding.is_generic else
-                  why_not_stored(find_encoding('8UC3'), self.size, '.jpg'))
-        return reason and f'an image of {encoding.name} {reason}'
+        return why_not_compressed(self._pixels[1], *self.size, self.settings.compressed_format)
+
+    @property
+    def reduction(self) -> str:
+        """What the settings take from the frame, as ``mono16 images lose 8 bits``; '' for none."""
+        if self.frame.encoding in (JPEG, VIDEO) or not self.settings.encoding:
+            return ''
+        before, after = find_encoding(self.frame.encoding), find_encoding(self.settings.encoding)
+        lost = 8 * (np.dtype(before.dtype).itemsize - np.dtype(after.dtype).itemsize)
+        what = f'{lost} bits' if lost > 0 else 'alpha' if (
+            before.channels == 4 and after.channels < 4) else ''
+        return what and f'{before.name} images lose {what} in {after.name}'
 
     @property
     def packet(self) -> VideoPacket | None:
@@ -186,8 +187,10 @@ class OutputImage:
         return turn_image(_native(image, target), flip, degrees, out), target
 
 
-def _has_jpeg(output: OutputImage) -> bool:
+def _is_kept(output: OutputImage) -> bool:
     """Return whether the compressed image of a camera or bag is used unchanged."""
+    if output.settings.compressed_format == 'png' and not output.frame.recorded:
+        return False
     return output.frame.encoding == JPEG and (_keeps_pixels(output.settings, *_AS_JPEG) or (
         _keeps_pixels(output.settings, 'mono8') and output._is_gray_jpeg))
 

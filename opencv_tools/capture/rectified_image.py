@@ -44,7 +44,9 @@ class RectifiedImage(OutputImage):
         :param source: the image, as it is published.
         :param camera_info: returns the sensor_msgs/CameraInfo of the image.
         """
-        super().__init__(_NO_FRAME, CaptureSettings(jpeg_quality=source.settings.jpeg_quality))
+        super().__init__(_NO_FRAME, CaptureSettings(
+            jpeg_quality=source.settings.jpeg_quality,
+            compressed_format=source.settings.compressed_format))
         self._source = source
         self._camera_info = camera_info
         self._rectifier = rectifier

@@ -23,6 +23,7 @@ from opencv_tools.base.parameter_fields import parameter, rate_parameter
 from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.v4l2.modes import CameraRequest
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
+from opencv_tools.image.picture_formats import COMPRESSED_FORMATS
 
 ON_END = ('stop', 'loop', 'hold')
 
@@ -61,6 +62,10 @@ class CaptureSettings(CameraRequest):
     jpeg_quality: int = parameter(
         95, 'JPEG quality of video_frames/compressed, from 1 (smallest) to 100 (best)',
         bounds=(1, 100), changeable=True)
+    compressed_format: str = parameter(
+        'auto', 'Codec of video_frames/compressed: jpeg, which reduces images to 8 bits without '
+        'alpha, png, or auto for png where jpeg would reduce an image', choices=COMPRESSED_FORMATS,
+        changeable=True)
     read_timeout: float = parameter(
         2.0, 'Seconds without a frame after which a camera or stream is reopened',
         bounds=(0.1, 1e6), changeable=True)

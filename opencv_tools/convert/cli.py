@@ -25,7 +25,7 @@ from collections.abc import Sequence
 import sys
 
 from opencv_tools.base.arguments import (
-    CommandParser, integer, INTERRUPTED, positive, run_command)
+    CommandParser, integer, INTERRUPTED, number_range, positive, run_command)
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
 
@@ -83,7 +83,11 @@ exit status:
     parser.add_argument('--stop', type=positive, default=0, metavar='FRAME',
                         help='number of the first frame not to convert [end of the source]')
     parser.add_argument('--lossy', action='store_true', help='allow a format that loses quality, '
-                        'although the source is lossless')
+                        'alpha or bits, although the source is lossless')
+    parser.add_argument('--range', type=number_range, dest='limits', metavar='LOW:HIGH',
+                        help='with --lossy, numbers of depth and other images with one channel '
+                        'and more than 8 bits that become black and white: millimetres of 16UC1, '
+                        'metres of 32FC1')
     parser.add_argument('--compressed', choices=('jpeg', 'png'), default='', help='compress the '
                         'raw images of a new bag; their topic then ends with /compressed')
     return parser

@@ -42,6 +42,7 @@ from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
+from opencv_tools.image.display import finite_limits
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
@@ -49,7 +50,8 @@ from opencv_tools.image.layout import array_to_wire
 from opencv_tools.recording.bag_sink import BagSink, MessageFrame, RecordedMessage
 from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, packet_frame, RawFrame, ReceivedFrame
-from opencv_tools.recording.image_encoder import COMPRESSED_SUFFIXES, EncoderSettings
+from opencv_tools.recording.image_encoder import (
+    COMPRESSED_SUFFIXES, EncoderSettings, is_number)
 from opencv_tools.recording.naming import check_folder, FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, KEEPS_PACKETS, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
@@ -198,6 +200,8 @@ class ConvertRequest:
     :param start: number of the first frame, from 0.
     :param stop: number of the first frame not to convert; 0 for the end of the source.
     :param lossy: whether a lossless source may be converted to a lossy format.
+    :param limits: numbers that become black and white, of images with one channel and more than 8
+        bits; None to refuse them where the target has 8 bits.
     :param compressed: codec of the raw images in a new bag, 'jpeg' or 'png'; '' to keep them.
     """
 
@@ -208,6 +212,7 @@ class ConvertRequest:
     start: int = 0
     stop: int = 0
     lossy: bool = False
+    limits: tuple[float, float] | None = None
     compressed: str = ''
 
 
@@ -251,6 +256,9 @@ def _check(request: ConvertRequest) -> FileNames:
                          f'{without_password(request.source)} is not a bag')
     if 0 < request.stop <= request.start:
         raise ValueError(f'--start is {request.start}, which is not before --stop {request.stop}')
+    if request.limits and not request.lossy:
+        raise ValueError(f'--range is {request.limits[0]:g}:{request.limits[1]:g}, but has an '
+                         'effect with --lossy only: give --lossy as well')
     check_folder(str(Path(request.target).parent))
     names = FileNames(Path(request.target).name)
     check_format(names.suffix)
@@ -300,8 +308,9 @@ class _Conversion:
             self._check_loss(first[1])
             sink = open_sink(
                 self._folder, self._names,
-                EncoderSettings(self._names.suffix, compression=request.compressed), 'continue',
-                Limits(), sync=False)
+                EncoderSettings(
+                    self._names.suffix, compression=request.compressed, lossy=request.lossy,
+                    limits=request.limits), 'continue', Limits(), sync=False)
             threads = _threads(first[1])
             recorder = Recorder(
                 sink, self._log, queue_size=threads, writers=threads, block=True)
@@ -356,6 +365,14 @@ class _Conversion:
         :raises ValueError: a loss is not allowed.
         """
         compressed = self._request.compressed
+        has_eight_bits = self._names.suffix in (*_LOSSY_FORMATS, '.bmp', '.webp')
+        if self._request.lossy and not self._request.limits and has_eight_bits and (
+                frame.encoding not in (JPEG, VIDEO) and is_number(find_encoding(frame.encoding))):
+            least, most = finite_limits(frame.image)
+            raise ValueError(
+                f'{frame.encoding} frames become 8 bits in {self._names.suffix}: give --range '
+                'LOW:HIGH, the numbers that become black and white; those of the first frame are '
+                f'{least:g} to {most:g}')
         suffix = COMPRESSED_SUFFIXES.get(compressed, self._names.suffix)
         if self._request.lossy or suffix in _LOSSLESS_FOR_ALL or frame.encoding == VIDEO:
             return

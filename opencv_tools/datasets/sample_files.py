@@ -89,7 +89,7 @@ def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: s
                     sample, picture = next(pictures)
                     shown[camera].append(sample)
                     stamps[camera] = int(recording.tracks[camera].times[sample])
-                    jpegs[camera] = picture.jpeg[0].tobytes()
+                    jpegs[camera] = picture.compressed[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
                 yield f'{number:06d}_{row:06d}', {
                     'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row,

@@ -29,8 +29,8 @@ from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.errors import VideoError
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.image.picture_formats import why_not_stored
-from opencv_tools.image_codecs import convert_image, encode_image
+from opencv_tools.image.picture_formats import COMPRESSED_FORMATS, why_not_compressed
+from opencv_tools.image_codecs import encode_compressed
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.transport.shared_frames.writer import Slot
@@ -39,8 +39,6 @@ from rclpy.node import Node
 from std_msgs.msg import Header
 
 _ENCODINGS = {('uint8', 1): 'mono8', ('uint8', 3): 'bgr8', ('uint8', 4): 'bgra8'}
-# Encodings that JPEG stores; all others become PNG.
-_FOR_JPEG = ('mono8', 'bgr8', 'rgb8')
 
 
 class FramePublisher:
@@ -53,17 +51,20 @@ class FramePublisher:
 
     def __init__(
         self, node: Node, topic: str, *, quality: int = 80, video: VideoSettings | None = None,
+        compressed_format: str = 'auto',
     ) -> None:
         """
         Create the publishers.
 
-        :param topic: name of the topic of the raw images; JPEG images are on
+        :param topic: name of the topic of the raw images; compressed images are on
             ``<topic>/compressed``.
         :param quality: quality of JPEG, 1 to 100.
         :param video: settings of the video on ``<topic>/ffmpeg`` and ``<topic>/foxglove``; None
             for no such topics.
-        :raises ParameterError: the name of the topic, the quality or the video is invalid, or the
-            ``qos_overrides`` parameters of the topic cannot be used.
+        :param compressed_format: ``'auto'``: JPEG, or PNG for images that JPEG would reduce to 8
+            bits without alpha. ``'jpeg'`` reduces them, ``'png'`` is lossless.
+        :raises ParameterError: the name of the topic, the quality, the format or the video is
+            invalid, or the ``qos_overrides`` parameters of the topic cannot be used.
         """
         if type(quality) is not int or not 1 <= quality <= 100:
             raise ParameterError(f'quality is {quality!r}: give a number from 1 to 100')
@@ -74,8 +75,12 @@ class FramePublisher:
                 check_encoder(video)
         except VideoError as err:
             raise ParameterError(f'video: {err}') from err
+        if compressed_format not in COMPRESSED_FORMATS:
+            raise ParameterError(f'compressed_format is {compressed_format!r}: give one of '
+                                 f'{", ".join(COMPRESSED_FORMATS)}')
         self._node = node
         self._quality = quality
+        self._format = compressed_format
         self._log = Log(node.get_logger())
         self._topics = FrameTopics(node, topic, video)
 
@@ -138,7 +143,8 @@ class FramePublisher:
         header = self._header_of(source)
         video = self._topics.video
         compressed = self._topics.compressed
-        is_compressed = compressed.is_due(_why_not_compressed(image, encoding))
+        is_compressed = compressed.is_due(why_not_compressed(
+            encoding, image.shape[1], encoding.height(image.shape[0]), self._format))
         if slot and (is_compressed or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
@@ -160,29 +166,13 @@ class FramePublisher:
     def _compress(
         self, image: NDArray[np.generic], encoding: Encoding, header: WireHeader,
     ) -> bytes:
-        codec = _codec(encoding)
-        stored = 'bgr8' if encoding.name == 'rgb8' else encoding.name
-        image = np.ascontiguousarray(image, encoding.dtype)  # in native byte order
-        if stored != encoding.name:
-            image = convert_image(image, encoding, find_encoding(stored))
-        data = encode_image(image, f'.{codec}', self._quality if codec == 'jpeg' else None)
+        data, format_text = encode_compressed(image, encoding, self._format, self._quality)
         return compressed_image_to_cdr(WireCompressedImage(
-            header=header, format=f'{encoding.name}; {codec} compressed {stored}',
-            data=data.data))
+            header=header, format=format_text, data=data.data))
 
     def destroy(self) -> None:
         """Remove the publishers."""
         self._topics.destroy()
-
-
-def _codec(encoding: Encoding) -> str:
-    return 'jpeg' if encoding.name in _FOR_JPEG else 'png'
-
-
-def _why_not_compressed(image: NDArray[np.generic], encoding: Encoding) -> str:
-    """Return why an image cannot be compressed; '' if it can."""
-    reason = why_not_stored(generic_encoding(image), image.shape, f'.{_codec(encoding)}')
-    return reason and f'an image of {encoding.name} {reason}'
 
 
 def _encoding_of(image: NDArray[np.generic], name: str) -> Encoding:

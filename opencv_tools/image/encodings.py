@@ -63,6 +63,11 @@ class Encoding:
         return self.kind == 'generic'
 
     @property
+    def type_name(self) -> str:
+        """OpenCV type of a pixel, such as ``8UC3``."""
+        return f'{_DEPTH_OF_DTYPE[self.dtype]}C{self.channels}'
+
+    @property
     def pixel_bytes(self) -> int:
         """Bytes of a pixel in a row of the message."""
         return self.channels * np.dtype(self.dtype).itemsize

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import itertools
 
-from opencv_tools.image.encodings import Encoding
+from opencv_tools.image.encodings import Encoding, find_encoding
 
 
 def _types(depths: str, channels: str) -> frozenset[str]:
@@ -54,13 +54,40 @@ MAX_SIDES = {**dict.fromkeys(('.jpg', '.jpeg', '.jpe'), 65_500), '.png': 1_000_0
              '.webp': 16_383}
 
 
+#: Formats of the topics of compressed images.
+COMPRESSED_FORMATS = ('auto', 'jpeg', 'png')
+
+
+def compressed_form(encoding: Encoding, wanted: str) -> tuple[str, Encoding]:
+    """
+    Return the codec of an image on a topic of compressed images, and the encoding that it stores.
+
+    :param wanted: one of ``COMPRESSED_FORMATS``. ``auto`` is JPEG for gray and colours with 8
+        bits, and PNG for what JPEG would reduce: more bits, alpha and generic types. ``jpeg``
+        reduces them to 8 bits without alpha.
+    """
+    if encoding.is_generic:
+        return ('png' if wanted == 'auto' else wanted), encoding
+    has_alpha, is_small = encoding.channels == 4, encoding.dtype == 'uint8'
+    codec = wanted if wanted != 'auto' else 'jpeg' if is_small and not has_alpha else 'png'
+    order = 'mono' if encoding.order == 'y' else 'bgra' if has_alpha and codec == 'png' else 'bgr'
+    return codec, find_encoding(f'{order}{8 if is_small or codec == "jpeg" else 16}')
+
+
+def why_not_compressed(encoding: Encoding, width: int, height: int, wanted: str) -> str:
+    """Return why a topic of compressed images has no image of an encoding; '' if it has."""
+    codec, stored = compressed_form(encoding, wanted)
+    reason = why_not_stored(stored, (height, width), f'.{codec}')
+    return reason and f'an image of {encoding.name} {reason}'
+
+
 def why_not_stored(encoding: Encoding, shape: Sequence[int], suffix: str) -> str:
     """
     Return why a format cannot store an image; '' if it can.
 
     :param suffix: one of ``CODEC_TYPES``.
     """
-    if encoding.name not in CODEC_TYPES[suffix]:
+    if encoding.type_name not in CODEC_TYPES[suffix]:
         return f'cannot be stored as {suffix[1:]}'
     if 0 in shape:
         return 'is empty and cannot be encoded'

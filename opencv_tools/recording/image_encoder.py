@@ -25,6 +25,7 @@ import zlib
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.image.display import to_display_image
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.image_size import PNG_SIGNATURE
@@ -69,6 +70,9 @@ class EncoderSettings:
     :param crf: constant rate factor of videos, from 0 (best) to 51.
     :param compression: codec of the raw images of a bag, one of ``COMPRESSED_SUFFIXES``; '' to
         keep them.
+    :param lossy: whether images that a format cannot hold lose alpha, and all but 8 bits.
+    :param limits: numbers that become black and white, of lossy images with one channel and more
+        than 8 bits; None if they are refused.
     """
 
     suffix: str
@@ -78,6 +82,8 @@ class EncoderSettings:
     png_compression: int = 1
     crf: int = 23
     compression: str = ''
+    lossy: bool = False
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,9 +158,13 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         image, encoding = convert_image(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
+    if settings.lossy and type_name not in IMAGE_FORMATS[settings.suffix]:
+        image, encoding = to_eight_bits(image, encoding, settings)
+        type_name = encoding.type_name
     if type_name not in IMAGE_FORMATS[settings.suffix]:
         raise UnwritableError(f'a {encoding.name} frame cannot be stored as {settings.suffix}; '
-                              f'set the extension of file_name to {formats_for(type_name)}')
+                              f'set the extension of file_name to {formats_for(type_name)}'
+                              + without_loss(encoding, settings))
     if not image.size:
         raise UnwritableError(f'an empty frame ({width}x{height}) cannot be stored as '
                               f'{settings.suffix}')
@@ -165,6 +175,41 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
     except CodecError as err:
         raise UnwritableError(f'the {encoding.name} frame was not encoded: {err}') from err
     return EncodedImage(data=data, encoding=encoding.name, width=width, height=height)
+
+
+def to_eight_bits(
+    image: NDArray[Any], encoding: Encoding, settings: EncoderSettings,
+) -> tuple[NDArray[Any], Encoding]:
+    """
+    Reduce an image to 8 bits without alpha.
+
+    Colours of 16 bits are divided by 257. Numbers of one channel, such as depth, become gray
+    between the limits of the settings; NaN becomes black.
+
+    :returns: the image, and its encoding; both unchanged if they cannot be reduced.
+    """
+    if is_number(encoding) and settings.limits:
+        image = to_display_image(
+            image.reshape(image.shape[:2]), encoding, 'mono8', settings.limits)
+        encoding = find_encoding('mono8')
+    kept = ('8UC3',) if settings.suffix == '.webp' else ('8UC1', '16UC1', '8UC3')
+    if encoding.kind != 'color' or encoding.type_name in kept:
+        return image, encoding
+    target = find_encoding('bgr8')
+    return convert_image(_native(image, encoding), encoding, target), target
+
+
+def without_loss(encoding: Encoding, settings: EncoderSettings) -> str:
+    """Return the end of the sentence about a frame that a format cannot hold."""
+    if is_number(encoding):
+        return '' if settings.limits else ', or allow a loss and give the range of the numbers'
+    return ', or allow a loss' if encoding.kind == 'color' and not settings.lossy else ''
+
+
+def is_number(encoding: Encoding) -> bool:
+    """Return whether a pixel is one number of more than 8 bits, as that of depth."""
+    return encoding.channels == 1 and encoding.kind != 'bayer' and (
+        np.dtype(encoding.dtype).itemsize > 1)
 
 
 def file_order(encoding: Encoding) -> Encoding:

@@ -246,11 +246,15 @@ class PublishLoop:
             if self.camera and self._topics.needs_key_frame:
                 self.camera.request_key_frame()
             description = output.description
+            if output.reduction:
+                self._log.warning(
+                    f'{output.reduction}, as the parameter encoding has it; an empty encoding '
+                    'publishes them as they are', once='encoding')
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
             if not self._is_live or self.settings.capture.encoding == self._opened_encoding:
-                remedy = ('; an empty encoding publishes frames as they are'
-                          if isinstance(err, ConversionError) else '')
+                remedy = ('; an empty encoding publishes frames as they are' if (
+                    isinstance(err, ConversionError) and self.settings.capture.encoding) else '')
                 self._events.broken(ImageError(f'{err}{remedy}'))
             return
         self._diagnostics.count(max(0, time.monotonic_ns() - frame.stamp_ns) / 1e9)

@@ -59,12 +59,12 @@ def raw_message(
 
 def compressed_message(output: OutputImage, header: WireHeader) -> bytes:
     """
-    Return the CDR of a message with the JPEG of an image.
+    Return the CDR of a message with the compressed form of an image.
 
     :param output: image to publish.
     :raises ImageError: the image cannot be decoded or converted.
     """
-    data, format_text = output.jpeg
+    data, format_text = output.compressed
     return compressed_image_to_cdr(WireCompressedImage(
         header=header, format=format_text, data=data.data))
 
@@ -186,7 +186,7 @@ class OutputTopics:
 
     def _publish_compressed(self, output: OutputImage, header: WireHeader) -> bool:
         topic = self.frames.compressed
-        if (self.frames.has_image_subscribers and topic.is_due(output.why_no_jpeg)
+        if (self.frames.has_image_subscribers and topic.is_due(output.why_not_compressed)
                 and topic.publish(lambda: compressed_message(output, header))):
             self._backlog.add(topic)
         return topic.count_subscribers() > 0

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from opencv_tools.bags.writing import BAG_SUFFIX
+from opencv_tools.base.arguments import check_range
 from opencv_tools.base.rate_limit import MAX_RATE
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
@@ -75,6 +76,15 @@ class RecorderSettings(NodeSettings):
     convert: str = parameter(
         'auto', 'Conversion of Bayer and YUV frames to colour in images and videos',
         choices=('auto', 'never'))
+    lossy: bool = parameter(
+        False, 'Whether images that a format cannot hold lose alpha and all but 8 bits, instead '
+        'of being refused')
+    range_low: float = parameter(
+        0.0, 'With lossy, number that becomes black in images with one channel and more than 8 '
+        'bits, such as depth: millimetres of 16UC1, metres of 32FC1', bounds=(-1e9, 1e9))
+    range_high: float = parameter(
+        0.0, 'With lossy, number that becomes white; 0 with range_low 0 to refuse such images',
+        bounds=(-1e9, 1e9))
     jpeg_quality: int = parameter(
         95, 'JPEG quality of .jpg files, from 1 (smallest) to 100 (best)', bounds=(1, 100))
     png_compression: int = parameter(
@@ -133,7 +143,12 @@ class RecorderSettings(NodeSettings):
         if self.topics and FileNames(self.file_name).suffix != BAG_SUFFIX:
             raise ParameterError(f'parameter topics is {self.topics}: only a bag has topics; set '
                                  f'file_name to a name with the extension {BAG_SUFFIX}')
+        if self.range and not self.lossy:
+            raise ParameterError(f'parameter range_high is {self.range_high:g}, but lossy is '
+                                 'false: set lossy as well')
         try:
+            if self.range:
+                check_range(self.range_low, self.range_high, 'range_low', 'range_high')
             check_limits(FileNames(self.file_name).suffix, self.limits)
         except ValueError as err:
             raise ParameterError(str(err)) from err
@@ -155,6 +170,12 @@ class RecorderSettings(NodeSettings):
         """Whether video is decoded: for images and .avi, and for a part of the frames."""
         is_partial = self.every_n > 1 or self.max_rate > 0 or self.mode != 'continuous'
         return is_partial or FileNames(self.file_name).suffix not in KEEPS_PACKETS
+
+    @property
+    def range(self) -> tuple[float, float] | None:  # noqa: A003
+        """Numbers that become black and white; None if none are given."""
+        low, high = self.range_low, self.range_high
+        return (low, high) if low or high else None
 
     @property
     def limits(self) -> Limits:

@@ -131,7 +131,8 @@ class SubscriberSession(RecordingSession):
         names = FileNames(settings.file_name)
         encoder = EncoderSettings(
             names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
-            png_compression=settings.png_compression, crf=settings.crf)
+            png_compression=settings.png_compression, crf=settings.crf,
+            lossy=settings.lossy, limits=settings.range)
         sink = open_sink(self.folder, names, encoder, settings.on_exists, limits, settings.sync)
         super().__init__(
             Recorder(sink, log, settings.queue_size, settings.writers,

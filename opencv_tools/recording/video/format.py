@@ -33,7 +33,8 @@ from opencv_tools.image.errors import EncodingError, KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_sink import FileFormat, OpenFile, Room
 from opencv_tools.recording.frames import PacketFrame, RawFrame, ReceivedFrame
-from opencv_tools.recording.image_encoder import EncoderSettings, formats_for
+from opencv_tools.recording.image_encoder import (
+    EncoderSettings, formats_for, to_eight_bits, without_loss)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import VideoFile, WrittenVideo
@@ -162,13 +163,17 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         """Convert a frame for the encoder, or read a packet; see `FileFormat`."""
         if isinstance(frame, PacketFrame):
             return prepare_packet(frame.packet)
-        raw = frame.decode()
+        raw, settings = frame.decode(), self._settings
+        image, name = raw.image, raw.metadata.encoding
+        if settings.lossy:
+            image, reduced = to_eight_bits(image, find_encoding(name), settings)
+            name = reduced.name
         try:
-            return to_video_frame(
-                raw.image, raw.metadata.encoding, self._settings.suffix, self._settings.to_color)
+            return to_video_frame(image, name, settings.suffix, settings.to_color)
         except VideoError as err:
             raise UnwritableError(f'{err}; set the extension of file_name to '
-                                  f'{formats_for(_image_type(raw))}') from err
+                                  f'{formats_for(_image_type(raw))}'
+                                  + without_loss(find_encoding(name), settings)) from err
 
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
                ) -> VideoFile[Any]:

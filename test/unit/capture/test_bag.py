@@ -93,7 +93,7 @@ def test_big_endian_pixels_are_converted(tmp_path: Path, encoding: str) -> None:
         np.testing.assert_array_equal(
             OutputImage(frame, output).image, OutputImage(native, output).image)
         np.testing.assert_array_equal(
-            OutputImage(frame, output).jpeg[0], OutputImage(native, output).jpeg[0])
+            OutputImage(frame, output).compressed[0], OutputImage(native, output).compressed[0])
 
 
 def test_metadata_of_a_frame(tmp_path: Path) -> None:
@@ -126,7 +126,7 @@ def test_compressed_image_is_passed_on_byte_for_byte(
     frame = BagSource(path).read()
     assert frame is not None and frame.encoding == JPEG
     for encoding in ('', 'bgr8'):
-        passed, passed_format = OutputImage(frame, CaptureSettings(encoding=encoding)).jpeg
+        passed, passed_format = OutputImage(frame, CaptureSettings(encoding=encoding)).compressed
         assert (passed.tobytes(), passed_format) == (data, format_text)
     expected = '16x8' if len(data) > 50 else f'{len(data)} bytes'
     assert OutputImage(frame, CaptureSettings()).description == f'{expected} {format_text}'
@@ -328,7 +328,7 @@ def check_hostile_messages_raise_nothing_else_than_their_errors(
         frame = source.read()
         assert frame is not None
         output = OutputImage(frame, CaptureSettings(rotate=90))
-        _ = output.description, output.jpeg
+        _ = output.description, output.compressed
     except (BrokenFrameError, ImageError) as err:
         assert '\n' not in str(err)
     finally:

@@ -20,6 +20,8 @@ import numpy as np
 from opencv_tools.capture.frame import CapturedFrame, JPEG
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.settings import CaptureSettings
+from opencv_tools.frames.frame import Frame
+from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_image
@@ -40,7 +42,9 @@ def frame_of(encoding: str) -> CapturedFrame:
         'rgb8': PICTURE[..., ::-1], 'bgr16': PICTURE * np.uint16(257),
         'yuv422_yuy2': NUMBERS[:48], 'yuyv': NUMBERS[:48], 'yuv422': NUMBERS[:48],
         'nv12': NUMBERS[..., 0], 'bayer_rggb8': NUMBERS[:48, :, 1],
-        '32FC1': np.ones((48, 64), np.float32), JPEG: JPEG_BYTES}[encoding]
+        'mono16': NUMBERS.view(np.uint16)[:48, :, 0], '16UC1': NUMBERS.view(np.uint16)[:48, :, 0],
+        'rgba8': NUMBERS.reshape(36, 64, 4), '32FC1': np.ones((48, 64), np.float32),
+        JPEG: JPEG_BYTES}[encoding]
     return CapturedFrame(image, encoding)
 
 
@@ -127,7 +131,7 @@ def test_colours_are_converted_before_depth() -> None:
 def test_camera_jpeg_is_published_unchanged() -> None:
     frame = frame_of(JPEG)
     for encoding in ('', 'bgr8', 'rgb8'):
-        data, format_text = OutputImage(frame, CaptureSettings(encoding=encoding)).jpeg
+        data, format_text = OutputImage(frame, CaptureSettings(encoding=encoding)).compressed
         assert data is frame.image
         assert format_text == f'{encoding or "bgr8"}; jpeg compressed bgr8'
 
@@ -136,11 +140,11 @@ def test_gray_camera_jpeg_is_declared_as_mono8() -> None:
     gray = cv2.imencode('.jpg', cv2.cvtColor(PICTURE, cv2.COLOR_BGR2GRAY))[1].reshape(-1)
     for encoding in ('', 'bgr8', 'rgb8', 'mono8'):
         data, format_text = OutputImage(
-            CapturedFrame(gray, JPEG), CaptureSettings(encoding=encoding)).jpeg
+            CapturedFrame(gray, JPEG), CaptureSettings(encoding=encoding)).compressed
         assert data is gray
         assert format_text == 'mono8; jpeg compressed mono8'
     rotated = OutputImage(CapturedFrame(gray, JPEG), CaptureSettings(encoding='mono8', rotate=90))
-    assert rotated.jpeg[1] == format_text
+    assert rotated.compressed[1] == format_text
 
 
 @pytest.mark.parametrize('settings', [
@@ -148,7 +152,7 @@ def test_gray_camera_jpeg_is_declared_as_mono8() -> None:
     CaptureSettings(encoding='mono8')])
 def test_camera_jpeg_is_encoded_again_for_other_settings(settings: CaptureSettings) -> None:
     output = OutputImage(frame_of(JPEG), settings)
-    data, _ = output.jpeg
+    data, _ = output.compressed
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     expected = cv2.imdecode(cv2.imencode(
         '.jpg', np.ascontiguousarray(output.image), (cv2.IMWRITE_JPEG_QUALITY, 95))[1],
@@ -159,28 +163,63 @@ def test_camera_jpeg_is_encoded_again_for_other_settings(settings: CaptureSettin
 
 @pytest.mark.parametrize(('captured', 'format_text'), [
     ('bgr8', 'bgr8; jpeg compressed bgr8'), ('rgb8', 'rgb8; jpeg compressed bgr8'),
-    ('mono8', 'mono8; jpeg compressed mono8'), ('bgr16', 'bgr8; jpeg compressed bgr8'),
+    ('mono8', 'mono8; jpeg compressed mono8'), ('bgr16', 'bgr16; png compressed bgr16'),
     ('yuv422_yuy2', 'bgr8; jpeg compressed bgr8'), ('nv12', 'bgr8; jpeg compressed bgr8'),
-    ('bayer_rggb8', 'bgr8; jpeg compressed bgr8')])
+    ('bayer_rggb8', 'bgr8; jpeg compressed bgr8'), ('rgba8', 'rgba8; png compressed bgra8'),
+    ('mono16', 'mono16; png compressed mono16'), ('16UC1', '16UC1; png compressed 16UC1')])
 def test_format_string_is_that_of_compressed_image_transport(
         captured: str, format_text: str) -> None:
-    data, actual = OutputImage(frame_of(captured), CaptureSettings()).jpeg
+    data, actual = OutputImage(frame_of(captured), CaptureSettings()).compressed
     assert actual == format_text
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    assert shown.shape == ((48, 64) if captured == 'mono8' else (48, 64, 3))
+    channels = find_encoding(format_text.split()[-1]).channels
+    height = 36 if captured == 'rgba8' else 48
+    assert shown.shape == ((height, 64) if channels == 1 else (height, 64, channels))
+    assert shown.dtype == find_encoding(format_text.split()[-1]).dtype
 
 
 @pytest.mark.parametrize('captured', ['bgr8', 'rgb8', 'bgr16'])
 def test_colours_of_the_compressed_image(captured: str) -> None:
-    data, _ = OutputImage(frame_of(captured), CaptureSettings()).jpeg
+    data, _ = OutputImage(frame_of(captured), CaptureSettings()).compressed
     shown = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    assert np.abs(shown.astype(int) - PICTURE).mean() < 8
+    assert np.abs(shown // (257 if captured == 'bgr16' else 1) - PICTURE.astype(int)).mean() < 8
 
 
 def test_higher_quality_makes_larger_jpegs() -> None:
-    sizes = [OutputImage(frame_of('bgr8'), CaptureSettings(jpeg_quality=quality)).jpeg[0].size
-             for quality in (1, 50, 100)]
+    outputs = [OutputImage(frame_of('bgr8'), CaptureSettings(jpeg_quality=quality))
+               for quality in (1, 50, 100)]
+    sizes = [output.compressed[0].size for output in outputs]
     assert sizes == sorted(set(sizes))
+
+
+@pytest.mark.parametrize(('captured', 'wanted', 'format_text', 'dtype'), [
+    ('mono16', 'jpeg', 'mono8; jpeg compressed mono8', 'uint8'),
+    ('bgr16', 'jpeg', 'bgr8; jpeg compressed bgr8', 'uint8'),
+    ('rgba8', 'jpeg', 'rgba8; jpeg compressed bgr8', 'uint8'),
+    ('bgr8', 'png', 'bgr8; png compressed bgr8', 'uint8'),
+    (JPEG, 'png', 'bgr8; png compressed bgr8', 'uint8')])
+def test_format_that_the_user_gives(
+        captured: str, wanted: str, format_text: str, dtype: str) -> None:
+    output = OutputImage(frame_of(captured), CaptureSettings(compressed_format=wanted))
+    data, actual = output.compressed
+    assert (actual, output.why_not_compressed) == (format_text, '')
+    assert cv2.imdecode(data, cv2.IMREAD_UNCHANGED).dtype == dtype
+
+
+@pytest.mark.parametrize('captured', ['mono16', '16UC1', 'bgr16', 'rgba8'])
+def test_compressed_form_keeps_bits_and_alpha(captured: str) -> None:
+    frame = frame_of(captured)
+    data, format_text = OutputImage(frame, CaptureSettings()).compressed
+    message = WireCompressedImage(header=NO_HEADER, format=format_text, data=data.data)
+    assert np.array_equal(Frame(message, captured).image, frame.image)
+
+
+@pytest.mark.parametrize(('captured', 'wanted', 'reason'), [
+    ('32FC1', 'auto', 'an image of 32FC1 cannot be stored as png'),
+    ('16UC1', 'jpeg', 'an image of 16UC1 cannot be stored as jpeg')])
+def test_image_without_a_compressed_form(captured: str, wanted: str, reason: str) -> None:
+    output = OutputImage(frame_of(captured), CaptureSettings(compressed_format=wanted))
+    assert output.why_not_compressed == reason
 
 
 @pytest.mark.parametrize(('captured', 'settings'), [
@@ -200,7 +239,7 @@ def test_damaged_jpeg_is_refused(data: bytes) -> None:
 
 def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[str] = []
-    for name in ('decode_image', 'encode_image', 'convert_image'):
+    for name in ('decode_image', 'encode_compressed', 'convert_image'):
         original = getattr(__import__('opencv_tools.capture.output_image', fromlist=['x']), name)
         monkeypatch.setattr(
             f'opencv_tools.capture.output_image.{name}',
@@ -210,5 +249,14 @@ def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.Monkey
     assert not calls
     for _ in range(2):
         assert output.image.shape == (48, 64)
-        assert output.jpeg[1] == 'mono8; jpeg compressed mono8'
-    assert calls == ['decode_image', 'convert_image', 'encode_image']
+        assert output.compressed[1] == 'mono8; jpeg compressed mono8'
+    assert calls == ['decode_image', 'convert_image', 'encode_compressed']
+
+
+@pytest.mark.parametrize(('captured', 'requested', 'reduction'), [
+    ('mono16', 'bgr8', 'mono16 images lose 8 bits in bgr8'), ('mono16', '', ''),
+    ('bgr16', 'rgb16', ''), ('rgba8', 'mono8', 'rgba8 images lose alpha in mono8'),
+    ('rgba8', 'bgra8', ''), ('bgr8', 'mono16', ''), (JPEG, 'mono8', '')])
+def test_reduction_by_the_encoding(captured: str, requested: str, reduction: str) -> None:
+    output = OutputImage(frame_of(captured), CaptureSettings(encoding=requested))
+    assert output.reduction == reduction

@@ -324,6 +324,46 @@ def test_loss_has_to_be_allowed(
     assert len(frames(next((tmp_path / 'out').glob('[!m]*')))) == 1
 
 
+@pytest.mark.parametrize('target', ['{seq}.jpg', '{seq}.webp', 'a.mp4', 'a.mkv', 'a.avi'])
+@pytest.mark.parametrize(('encoding', 'limits'), [
+    ('bgra8', ()), ('rgba8', ()), ('bgr16', ()), ('16UC1', ('--range', '370:4900')),
+    ('mono16', ('--range', '0:3071')), ('32FC1', ('--range', '-0.37:0.9'))])
+def test_lossy_means_alpha_and_bits(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str,
+        limits: tuple[str, ...], target: str) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(number, random_image(encoding, 23, 37), encoding) for number in range(1, 4)])
+    out = tmp_path / 'out' / target
+    assert convert(source, out, '--lossy', *limits) == 0
+    read = [frame for path in sorted((tmp_path / 'out').glob('[!m]*')) for frame in frames(path)]
+    assert [frame.image.shape[:2] for frame in read] == [(23, 37)] * 3
+    assert {frame.image.dtype.name for frame in read} == {'uint8'}
+    if limits:
+        capsys.readouterr()
+        assert convert(source, tmp_path / 'no' / target, '--lossy') == 2
+        assert re.search(f'{encoding} frames become 8 bits in .*: give --range LOW:HIGH, the '
+                         'numbers that become black and white; those of the first frame are',
+                         capsys.readouterr().err)
+        assert not (tmp_path / 'no').exists()
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    (('--range', '1:5'), r'--range is 1:5, but has an effect with --lossy only'),
+    (('--lossy', '--range', '5:1'), "'5:1' is not LOW:HIGH"),
+    (('--lossy', '--range', '5'), "'5' is not LOW:HIGH"),
+    (('--lossy', '--range', 'nan:1'), "'nan:1' is not LOW:HIGH"),
+    (('--lossy', '--range', '0:inf'), "'0:inf' is not LOW:HIGH")])
+def test_ranges_that_cannot_be_used(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...],
+        reason: str) -> None:
+    try:
+        status = convert('pattern', tmp_path / '{seq}.jpg', '--stop', '1', *arguments)
+    except SystemExit as err:
+        status = err.code
+    assert status == 2
+    assert reason in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('target', ['{seq}.jpg', 'a.mp4'])
 def test_source_that_has_lost_quality_needs_no_permission(tmp_path: Path, target: str) -> None:
     bag = write_mcap(tmp_path / 'a.mcap', [compressed_entry(1, JPEG_BYTES)])

@@ -23,6 +23,7 @@ import zlib
 
 import cv2
 import numpy as np
+from opencv_tools.image.encodings import COLOR_ENCODINGS, find_encoding
 from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image_codecs import encode_image
 from opencv_tools.recording.errors import UnwritableError
@@ -97,7 +98,49 @@ def test_frames_that_a_format_cannot_store(encoding: str, suffix: str) -> None:
     with pytest.raises(UnwritableError) as caught:
         encode_frame(frame_of(random_image(encoding), encoding), EncoderSettings(suffix))
     assert f'a {encoding} frame cannot be stored as {suffix}' in str(caught.value)
-    assert str(caught.value).endswith('.npy')
+    remedy = str(caught.value).partition('.npy')[2]
+    is_number = encoding in ('mono16', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1')
+    assert remedy == (', or allow a loss and give the range of the numbers' if is_number else
+                      ', or allow a loss' if encoding in COLOR_ENCODINGS else '')
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.bmp', '.webp'])
+@pytest.mark.parametrize('encoding', ['bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16'])
+def test_lossy_colours(tmp_path: Path, encoding: str, suffix: str) -> None:
+    image = random_image(encoding)
+    content = encode_frame(frame_of(image, encoding), EncoderSettings(suffix, lossy=True))
+    (tmp_path / f'a{suffix}').write_bytes(b''.join(content.parts()))
+    kept = cv2.imread(str(tmp_path / f'a{suffix}'), cv2.IMREAD_UNCHANGED)
+    assert content.encoding == 'bgr8' and kept.dtype == np.uint8
+    expected = in_order_of_opencv(image, encoding)[..., :3].astype(float)
+    expected /= 257 if image.dtype == np.uint16 else 1
+    assert suffix == '.jpg' or np.abs(kept - expected).max() <= 0.5
+
+
+@pytest.mark.parametrize('suffix', ['.jpg', '.bmp', '.webp'])
+@pytest.mark.parametrize(('encoding', 'low', 'high'), [
+    ('16UC1', 370, 4900), ('mono16', 0, 3071), ('32FC1', 0.37, 4.9), ('32SC1', -7, 70_000)])
+def test_lossy_numbers_within_a_range(
+        tmp_path: Path, encoding: str, low: float, high: float, suffix: str) -> None:
+    steps = np.linspace(low, high, 6)
+    image = np.array([[low - 1, *steps, high + 1]]).clip(
+        0 if encoding in ('16UC1', 'mono16') else None).astype(find_encoding(encoding).dtype)
+    if encoding == '32FC1':
+        image[0, 0] = np.nan
+    settings = EncoderSettings(suffix, lossy=True, limits=(low, high))
+    content = encode_frame(frame_of(np.repeat(image, 16, axis=0), encoding), settings)
+    (tmp_path / f'a{suffix}').write_bytes(b''.join(content.parts()))
+    kept = cv2.imread(str(tmp_path / f'a{suffix}'), cv2.IMREAD_GRAYSCALE)
+    difference = np.abs(kept.astype(int) - [[0, 0, 51, 102, 153, 204, 255, 255]])
+    assert difference.max() <= (20 if suffix == '.jpg' else 1)
+    with pytest.raises(UnwritableError, match='or allow a loss and give the range'):
+        encode_frame(frame_of(image, encoding), EncoderSettings(suffix, lossy=True))
+
+
+def test_lossy_keeps_what_a_format_can_store() -> None:
+    image = random_image('mono16')
+    settings = EncoderSettings('.png', lossy=True, limits=(0, 5))
+    assert encode_frame(frame_of(image, 'mono16'), settings).encoding == 'mono16'
 
 
 def test_all_formats_are_tested() -> None:
