@@ -147,6 +147,10 @@ def read_camera_model(info: Any, width: int, height: int) -> CameraModel:
         if not np.isfinite(values).all():
             raise RectificationError(f'{name} of the camera_info has the value '
                                      f'{values[~np.isfinite(values)][0]}: give finite numbers')
+    if not rotation.any():  # not set, as in many simulators
+        rotation = np.eye(3)
+    if not (projection.any() or distortion.size):
+        projection = matrix.copy()
     for name, values in (('K', matrix), ('P', projection)):
         if min(values[0, 0], values[1, 1]) <= 0:
             raise RectificationError(
@@ -196,6 +200,9 @@ def _read_distortion(info: Any) -> NDArray[np.float64]:
         raise RectificationError(
             f"the distortion model '{printable(model, _MAX_NAME)}' of the camera_info is unknown: "
             f'give {", ".join(_MODELS)}')
+    while coefficients.size not in _MODELS[model] and not coefficients[-1:].any() and (
+            coefficients.size):
+        coefficients = coefficients[:-1]
     if len(coefficients) not in _MODELS[model]:
         raise RectificationError(
             f'D of the camera_info has {len(coefficients)} coefficients: give '

@@ -110,7 +110,10 @@ def rectified_info(camera_info: Any, width: int, height: int) -> Any:
     read_camera_model(camera_info, width, height)
     info = copy.deepcopy(camera_info)
     info.distortion_model, info.d = 'plumb_bob', [0.0] * 5
-    info.k = np.reshape(info.p, (3, 4))[:, :3].ravel()
+    projection = np.reshape(info.p, (3, 4))
+    if not projection.any():  # not set, see read_camera_model
+        projection = np.column_stack((np.reshape(info.k, (3, 3)), np.zeros(3)))
+    info.k, info.p = projection[:, :3].ravel(), projection.ravel()
     info.r = np.eye(3).ravel()
     info.roi.do_rectify = False
     return info

@@ -16,7 +16,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+import os
+from pathlib import Path
+import re
+import sys
 from typing import NamedTuple
+
+_MAX_DOMAIN = 232  # the ports of a larger one are above 65535
+_RMW_INDEX = 'share/ament_index/resource_index/rmw_typesupport'
 
 
 class Library(NamedTuple):
@@ -84,3 +92,20 @@ def explain_missing(err: ImportError) -> str:
     library = LIBRARIES.get((err.name or '').partition('.')[0])
     return (f'{library.name} is needed, but cannot be imported ({err}); '
             f'{installation(library.pip)}') if library else ''
+
+
+def explain_variables(environment: Mapping[str, str] = os.environ) -> str:
+    """Return a sentence about a variable with which ROS cannot start; '' if there is none."""
+    domain = environment.get('ROS_DOMAIN_ID', '')
+    is_number = re.fullmatch('0|[1-9][0-9]{0,2}', domain) and int(domain) <= _MAX_DOMAIN
+    if domain and not is_number:
+        return (f'ROS_DOMAIN_ID is {domain[:40]!r}: set it to a number from 0 to {_MAX_DOMAIN}, '
+                'or unset it')
+    prefixes = [*filter(None, environment.get('AMENT_PREFIX_PATH', '').split(':')), sys.prefix]
+    found = {file.name for prefix in prefixes for file in Path(prefix, _RMW_INDEX).glob('rmw_*')}
+    installed, wanted = found - {'rmw_implementation'}, environment.get('RMW_IMPLEMENTATION', '')
+    if wanted and installed and wanted not in installed:
+        names = ' and '.join(sorted(installed))
+        return (f'RMW_IMPLEMENTATION is {wanted[:80]!r}, but only {names} is installed: '
+                "type 'unset RMW_IMPLEMENTATION'")
+    return ''

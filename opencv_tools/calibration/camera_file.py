@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Calibration files in the YAML format of camera_calibration_parsers."""
+"""Calibration files in the YAML and INI formats of camera_calibration_parsers."""
 
 from __future__ import annotations
 
@@ -39,6 +39,15 @@ _BOOLEANS = {form(word): truth for truth, words in (
 # Maximum size of a file; a calibration has less than 2 KB.
 _FILE_BYTES = 1 << 16
 _DEFAULT_MODEL = 'plumb_bob'
+# Distortion models by camera_model, which some drivers write instead of distortion_model.
+_CAMERA_MODELS = {'': _DEFAULT_MODEL, 'pinhole': _DEFAULT_MODEL, 'fisheye': 'equidistant',
+                  'equidistant': 'equidistant', 'kannala_brandt': 'equidistant'}
+# First line of a file that OpenCV has written, which is no directive of YAML.
+_OPENCV_YAML = re.compile(rb'\A%YAML:1\.\d\s*\n')
+# A file of cameracalibrator: keys, each before its numbers, in sections.
+_INI = re.compile(rb'^\[image\]\s*$', re.MULTILINE)
+_INI_MATRICES = {'camera matrix': 'camera_matrix', 'distortion': 'distortion_coefficients',
+                 'rectification': 'rectification_matrix', 'projection': 'projection_matrix'}
 _MODEL = re.compile('[A-Za-z0-9_]{0,64}')
 _NAME = re.compile('[A-Za-z0-9_.-]{1,128}')
 
@@ -236,24 +245,47 @@ def _parse(
     try:
         # BaseLoader returns every scalar as text, like yaml-cpp. yaml.safe_load does not read
         # 1e-05, which yaml-cpp writes, as a number.
-        document = _Document(path, yaml.load(content, yaml.BaseLoader))
+        document = _Document(path, _read_ini(content) if _INI.search(content) else yaml.load(
+            _OPENCV_YAML.sub(b'', content), yaml.BaseLoader))
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as err:
         mark = getattr(err, 'problem_mark', None)
         line = f' in line {mark.line + 1}' if mark else ''
         raise CameraInfoError(
             f'{path} is not YAML{line}: give the file that camera_calibration writes') from err
     width, height = document.whole('image_width', 1), document.whole('image_height', 1)
-    model = document.get(
-        'distortion_model', _check_model, 'a text like plumb_bob', _DEFAULT_MODEL)
+    assumed = document.get(
+        'camera_model', _CAMERA_MODELS.__getitem__,
+        'distortion_model: plumb_bob, rational_polynomial or equidistant', '') if (
+            'distortion_model' not in document.root) else ''
+    model = document.get('distortion_model', _check_model, 'a text like plumb_bob', assumed)
     binning = [document.whole(key, default='0') for key in ('binning_x', 'binning_y')]
     matrices = {name: tuple(document.matrix(key, rows, cols))
                 for key, (name, rows, cols) in _MATRICES.items()}
-    if 'distortion_model' not in document.root:
-        warn(f'{path} has no distortion_model: {_DEFAULT_MODEL} is assumed')
+    if assumed:
+        warn(f'{path} has no distortion_model: {assumed} is assumed')
     return StoredCamera(
         width=width, height=height, distortion_model=model, binning_x=binning[0],
         binning_y=binning[1], **matrices,
         roi=_region(document, width, height) if 'roi' in document.root else ImageRegion())
+
+
+def _read_ini(content: bytes) -> dict[str, Any]:
+    """Return the content of an INI file as that of a YAML file."""
+    values: dict[str, list[str]] = {}
+    numbers: list[str] = []
+    for line in map(str.strip, content.decode().splitlines()):
+        if line[:1].isalpha():
+            numbers = values.setdefault(line.lower(), [])
+        elif line[:1] not in ('', '#', ';', '['):
+            numbers += line.split()
+    root: dict[str, Any] = {f'image_{side}': next(iter(values.get(side, [])), None)
+                            for side in ('width', 'height')}
+    for name, key in _INI_MATRICES.items():
+        _, rows, columns = _MATRICES[key]
+        data = values.get(name, [])
+        root[key] = {'rows': rows or 1, 'cols': columns or len(data), 'data': data or None}
+    is_long = root['distortion_coefficients']['cols'] > 5
+    return {**root, 'distortion_model': 'rational_polynomial' if is_long else _DEFAULT_MODEL}
 
 
 def _region(document: _Document, width: int, height: int) -> ImageRegion:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -81,6 +82,8 @@ class FramePublisher:
         self._node = node
         self._quality = quality
         self._format = compressed_format
+        self._unsent = 0
+        self._lock = Lock()
         self._log = Log(node.get_logger())
         self._topics = FrameTopics(node, topic, video)
 
@@ -93,6 +96,11 @@ class FramePublisher:
     def has_subscribers(self) -> bool:
         """Whether a raw or compressed image would be received, or is asked for."""
         return self._topics.has_subscribers
+
+    @property
+    def without_subscribers(self) -> int:
+        """Number of images that were not sent, because nobody had subscribed."""
+        return self._unsent
 
     def publish(
         self, image: NDArray[np.generic], source: Frame | Header | None = None, *,
@@ -147,11 +155,15 @@ class FramePublisher:
             encoding, image.shape[1], encoding.height(image.shape[0]), self._format))
         if slot and (is_compressed or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
+        is_sent = is_compressed or self._topics.has_subscribers
         self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
         if is_compressed:
             compressed.publish(lambda: self._compress(image, encoding, header))
         if video and slot is None:
             video.publish(lambda: (image, encoding.name), header)
+        if not is_sent:
+            with self._lock:
+                self._unsent += 1
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 import difflib
 from typing import Any, TypeVar
@@ -58,10 +58,10 @@ def declare_parameters(node: Node, table: Sequence[Parameter]) -> dict[str, Any]
         node is misspelt.
     """
     values = {parameter.name: declare_parameter(node, parameter) for parameter in table}
-    by_name = {parameter.name: parameter for parameter in table}
+    ending = {parameter.name for parameter in table if parameter.ends}
     for name in unknown_parameters(node, table):
-        similar = closest_name(name, by_name)
-        if similar and by_name[similar].ends:
+        similar = closest_name(name, table)
+        if similar in ending:
             raise ParameterError(
                 f'there is no parameter {printable(name)}: did you mean {similar}?')
     return values
@@ -97,15 +97,19 @@ def warn_unknown_parameters(node: Node, table: Sequence[Parameter], log: Log) ->
         log.warning(describe_unknown(name, table))
 
 
-def closest_name(name: str, names: Iterable[str]) -> str:
-    """Return the name that a misspelt name resembles, or ''."""
-    return next(iter(difflib.get_close_matches(name, names, 1)), '')
+def closest_name(name: str, table: Sequence[Parameter]) -> str:
+    """Return the name that a misspelt name, or one of another package, stands for; '' if none."""
+    for parameter in table:
+        if name in parameter.other_names:
+            return parameter.name
+    return next(iter(difflib.get_close_matches(
+        name, [parameter.name for parameter in table], 1)), '')
 
 
 def describe_unknown(name: str, table: Sequence[Parameter]) -> str:
     """Return a message about an unknown parameter, with the name that it resembles."""
     names = [parameter.name for parameter in table]
-    close = closest_name(name, names)
+    close = closest_name(name, table)
     hint = f'did you mean {close}?' if close else f'the parameters are {", ".join(names)}'
     return f'unknown parameter {printable(name)} is not used; {hint}'
 

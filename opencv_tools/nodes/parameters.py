@@ -56,8 +56,9 @@ class Parameter:
     :param changeable: whether the parameter can be changed while the node runs.
     :param secret: whether other nodes cannot read the given value.
     :param words: whether the text is a list of words, which can be given as an array of texts too.
-    :param ends: whether the parameter decides when the node ends, or how much it does. The node
-        does not start with a misspelt name of such a parameter.
+    :param ends: whether the parameter decides what the node does, or when it ends. The node does
+        not start with a misspelt name of such a parameter.
+    :param other_names: names of parameters of other packages that mean the same.
     """
 
     name: str
@@ -73,6 +74,7 @@ class Parameter:
     secret: bool = False
     words: bool = False
     ends: bool = False
+    other_names: tuple[str, ...] = ()
 
     def shown(self, value: Any) -> Any:
         """Return what other nodes can read of a value."""

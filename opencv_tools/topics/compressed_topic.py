@@ -56,7 +56,8 @@ class CompressedTopic:
         self._without = _MAX_WITHOUT - 1  # the first frame decides alone
         publisher = self._create()
         self._publisher: Publisher | None = publisher
-        self._name = publisher.topic_name
+        #: Name of the topic.
+        self.topic_name = publisher.topic_name
         #: Quality of service of the publisher.
         self.qos_profile = publisher.qos_profile
 
@@ -79,7 +80,7 @@ class CompressedTopic:
             self._without += 1
             if self._count():
                 self._log.warning(
-                    f'{self._name} has no frames: {why_not}; receive {self._images}, with '
+                    f'{self.topic_name} has no frames: {why_not}; receive {self._images}, with '
                     'transport:=raw or transport:=auto', once=why_not)
             if (self._publisher and self._without >= _MAX_WITHOUT
                     and self._publisher.wait_for_all_acked(Duration())):
@@ -96,7 +97,7 @@ class CompressedTopic:
         try:
             message = make()
         except ImageError as err:
-            self._log.error(f'no image on {self._name}: {err}', every=_LOGGED_SECONDS,
+            self._log.error(f'no image on {self.topic_name}: {err}', every=_LOGGED_SECONDS,
                             key='compressed')
             return False
         with self._lock:
@@ -119,7 +120,7 @@ class CompressedTopic:
 
     def _count(self) -> int:
         return int(self._publisher.get_subscription_count() if self._publisher
-                   else self._node.count_subscribers(self._name))
+                   else self._node.count_subscribers(self.topic_name))
 
     def _remove(self) -> None:
         if self._publisher:

@@ -26,7 +26,7 @@ import sys
 import cv2
 from opencv_tools.base.arguments import package_version
 from opencv_tools.base.info import main as info_main
-from opencv_tools.base.remedies import LIBRARIES
+from opencv_tools.base.remedies import explain_variables, LIBRARIES
 import opencv_tools.commands
 import pytest
 from waiting import LONGEST_SECONDS
@@ -163,3 +163,40 @@ def test_version_without_installation(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr('importlib.metadata.version', version)
     assert package_version() == 'unknown'
+
+
+@pytest.mark.parametrize(('domain', 'is_valid'), [
+    ('', True), ('0', True), ('42', True), ('232', True), ('233', False), ('300', False),
+    ('abc', False), ('-1', False), ('1.5', False), ('9' * 5000, False)])
+def test_domains(domain: str, is_valid: bool) -> None:
+    sentence = explain_variables({'ROS_DOMAIN_ID': domain})
+    assert sentence == ('' if is_valid else (
+        f'ROS_DOMAIN_ID is {domain[:40]!r}: set it to a number from 0 to 232, or unset it'))
+
+
+def test_middleware_that_is_not_installed(tmp_path: Path) -> None:
+    index = tmp_path / 'share' / 'ament_index' / 'resource_index' / 'rmw_typesupport'
+    index.mkdir(parents=True)
+    for name in ('rmw_implementation', 'rmw_other_cpp'):
+        (index / name).touch()
+    for wanted in ('', 'rmw_other_cpp'):
+        assert explain_variables(
+            {'AMENT_PREFIX_PATH': f'/none:{tmp_path}', 'RMW_IMPLEMENTATION': wanted}) == ''
+    sentence = explain_variables(
+        {'AMENT_PREFIX_PATH': str(tmp_path), 'RMW_IMPLEMENTATION': 'rmw_zenoh_cpp'})
+    assert sentence.startswith("RMW_IMPLEMENTATION is 'rmw_zenoh_cpp', but only ")
+    assert sentence.endswith("is installed: type 'unset RMW_IMPLEMENTATION'")
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('variable', ['ROS_DOMAIN_ID=300', 'RMW_IMPLEMENTATION=rmw_none_cpp'])
+def test_variable_with_which_ros_cannot_start(variable: str) -> None:
+    name, _, value = variable.partition('=')
+    script = ('import sys; from opencv_tools.commands import img_viewer; '
+              'sys.argv = ["img_viewer"]; sys.exit(img_viewer())')
+    finished = subprocess.run(
+        [sys.executable, '-c', script], capture_output=True, text=True, check=False,
+        env={**os.environ, name: value}, timeout=LONGEST_SECONDS)
+    assert finished.returncode == 2
+    assert finished.stderr.startswith(f'img_viewer: error: {name} is {value!r}')
+    assert finished.stderr.count('\n') == 1

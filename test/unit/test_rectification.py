@@ -262,7 +262,7 @@ def test_camera_info_of_rectified_images() -> None:
     ({'k': [0.0] * 9}, 'the camera_info has no calibration, because its K is zero: calibrate'),
     ({'p': [0.0] * 12}, 'P of the camera_info has the focal lengths 0 and 0: give numbers above'),
     ({'k': [1.0, 0, 0, 0, -2, 0, 0, 0, 1]}, 'K of the camera_info has the focal lengths 1 and -2'),
-    ({'r': [0.0] * 9}, 'P and R of the camera_info cannot be inverted: give a rotation'),
+    ({'r': [0.0] * 8 + [1.0]}, 'P and R of the camera_info cannot be inverted: give a rotation'),
     ({'p': [1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0]}, 'P and R of the camera_info cannot be'),
     ({'p': [1e308, 1e308, 1e308, 0, 0, 1e308, 0, 0, 0, 0, 1, 0], 'r': [1e308] * 9},
      'P and R of the camera_info cannot be inverted'),
@@ -293,6 +293,36 @@ def test_zero_distortion_of_an_unknown_model() -> None:
     info = make_info('', (0.0,) * 7, p=[250.5, 0, 150.25, 0, 0, 255.5, 125.75, 0, 0, 0, 1, 0])
     image = random_image('mono8', HEIGHT, WIDTH)
     assert Rectifier().rectify(image, GRAY8, info)[0] is image
+
+
+def test_rotation_that_is_not_set_is_none() -> None:
+    image = random_image('mono8', HEIGHT, WIDTH)
+    expected, _ = Rectifier().rectify(image, GRAY8, make_info())
+    rectified, _ = Rectifier().rectify(image, GRAY8, make_info(r=[0.0] * 9))
+    assert np.array_equal(rectified, expected)
+
+
+@pytest.mark.parametrize('d', [(), (0.0,) * 5, (0.0,) * 8])
+@pytest.mark.parametrize('model', ['plumb_bob', 'rational_polynomial', ''])
+def test_calibration_of_a_simulator_passes_the_image_through(
+        model: str, d: tuple[float, ...]) -> None:
+    info = make_info(model, d, r=[0.0] * 9, p=[0.0] * 12)
+    image = random_image('mono8', HEIGHT, WIDTH)
+    assert Rectifier().rectify(image, GRAY8, info)[0] is image
+    rectified = rectified_info(info, WIDTH, HEIGHT)
+    assert rectified.k.tolist() == info.k.tolist()
+    assert rectified.p.tolist() == [250.5, 0, 150.25, 0, 0, 255.5, 125.75, 0, 0, 0, 1, 0]
+
+
+@pytest.mark.parametrize(('model', 'd', 'zeros'), [
+    ('equidistant', (0.05, -0.01, 0.002, -0.001), 1), ('equidistant', (0.05, 0, 0, 0), 9),
+    ('plumb_bob', (-0.3, 0.1, 0.0, 0.0, 0.02), 2), ('plumb_bob', (-0.3, 0.1, 0.001, 0.0), 3)])
+def test_trailing_zeros_of_the_distortion(
+        model: str, d: tuple[float, ...], zeros: int) -> None:
+    image = random_image('mono8', HEIGHT, WIDTH)
+    expected, _ = Rectifier().rectify(image, GRAY8, make_info(model, d))
+    rectified, _ = Rectifier().rectify(image, GRAY8, make_info(model, (*d, *zeros * (0.0,))))
+    assert np.array_equal(rectified, expected)
 
 
 @pytest.mark.parametrize(('width', 'height'), [(32_767, 2), (2, 40_000), (0, 0), (0, 5)])

@@ -51,19 +51,21 @@ class CameraRequest:
 
     width: int = parameter(
         0, 'Width of the camera image in pixels; 0 for the default (640)', bounds=(0, 1 << 16),
-        changeable=True)
+        changeable=True, other_names=('image_width', 'image_size'))
     height: int = parameter(
         0, 'Height of the camera image in pixels; 0 for the default (480)', bounds=(0, 1 << 16),
-        changeable=True)
+        changeable=True, other_names=('image_height',))
     fps: float = rate_parameter(
         0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)', MAX_RATE,
-        changeable=True)
+        changeable=True, other_names=('framerate', 'frame_rate', 'time_per_frame'))
     fourcc: str = parameter(
         '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty for the best '
-        'format at this size and rate', check=check_fourcc, changeable=True)
+        'format at this size and rate', check=check_fourcc, changeable=True,
+        other_names=('pixel_format',))
     encoding: str = parameter(
         '', "Encoding of the published images; '' for the encoding of the source",
-        choices=(*ENCODINGS, ''), changeable=True)
+        choices=(*ENCODINGS, ''), changeable=True,
+        other_names=('output_encoding', 'image_encoding'))
     controls: tuple[tuple[str, int], ...] = ()
 
 

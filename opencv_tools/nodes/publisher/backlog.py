@@ -32,6 +32,8 @@ _LOGGED_AFTER_SECONDS = 2.0
 # A live subscriber confirms a frame within milliseconds, on a busy machine within a second. A
 # killed subscriber of the image topic stays in the graph for 20 s, and the others wait meanwhile.
 _TIMEOUT_SECONDS = 10.0
+# At the end nothing else waits, so that a killed subscriber leaves the graph meanwhile.
+_END_SECONDS = 25.0
 
 #: A publisher whose messages subscribers confirm.
 Confirmed = Publisher | CompressedTopic
@@ -63,6 +65,7 @@ class Backlog:
         self._log = log
         self._clock = clock
         self._sleep = sleep
+        self._seconds = _TIMEOUT_SECONDS
         self._lacks_room = False  # for the last shared frame
         self._may_wait = True
         self._stopped = Event()
@@ -100,6 +103,22 @@ class Backlog:
         """
         return self._wait(lambda: not any(self._unconfirmed.values()))
 
+    def confirm_all(self) -> bool:
+        """
+        Wait at the end of a file until all messages are confirmed; log how many are not.
+
+        :returns: whether all messages are confirmed, or ``stop`` was called.
+        """
+        self._may_wait, self._seconds = True, _END_SECONDS
+        if self.wait_for_all() or self._stopped.is_set():
+            return True
+        count, publisher = max(
+            (min(count, publisher.qos_profile.depth), publisher.topic_name)
+            for publisher, count in self._unconfirmed.items())
+        self._log.error(f'up to {count} of the last messages on {publisher} were not received by '
+                        'each reliable subscriber; they may be lost')
+        return False
+
     def deliver(self, send: Callable[[], bool]) -> bool:
         """
         Send a frame to the readers of shared memory again and again, until all have room for it.
@@ -119,11 +138,11 @@ class Backlog:
         is_logged = False
         while not condition():
             waited = self._clock() - began
-            if self._may_wait and waited > _TIMEOUT_SECONDS:
+            if self._may_wait and waited > self._seconds:
                 self._may_wait = False
                 self._log.warning(
                     'a subscriber has not received the last frames for '
-                    f'{_TIMEOUT_SECONDS:g} s; the publisher no longer waits for it, and it may '
+                    f'{self._seconds:g} s; the publisher no longer waits for it, and it may '
                     'lose frames')
             if self._stopped.is_set() or not self._may_wait:
                 return False

@@ -108,7 +108,7 @@ class CameraControls:
         """Log, once, the given parameters that have no effect without a camera; thread-safe."""
         unused, self._unclaimed = self._unclaimed, {}
         for name in sorted(unused):
-            similar = closest_name(name, [parameter.name for parameter in self._table])
+            similar = closest_name(name, self._table)
             hint = f' (did you mean {similar}?)' if similar else ''
             self._log.warning(
                 f'parameter {name} is not used yet{hint}; it is not a parameter of the node, and '

@@ -130,6 +130,7 @@ class PublishLoop:
         self._grabber = Grabber(
             self._open_source, settings.capture, self._events, topics)
         self._is_live = False  # until the source is open
+        self._unseen = 0  # frames without subscribers
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
         self._diagnostics = Diagnostics(node, self._source_status)
 
@@ -165,7 +166,8 @@ class PublishLoop:
                 self._controls.report_unused()
                 status = EXIT_FAILURE
             if not self._grabber.stopped:
-                self._topics.backlog.wait_for_all()
+                if not self._topics.backlog.confirm_all():
+                    status = EXIT_FAILURE
                 if self._topic_player and status == EXIT_OK:
                     self._topic_player.finish()
         except RuntimeError:
@@ -183,11 +185,14 @@ class PublishLoop:
     def summary(self) -> str:
         """Return the numbers of published and lost frames as a sentence."""
         missed = f', {self._grabber.missed} missed' if self._grabber.missed else ''
+        unseen = f', {self._unseen} without subscribers' if self._unseen else ''
+        if self._unseen and not self._is_live and self._unseen < self._progress.count:
+            unseen += ' (wait_for_subscribers:=1 waits for the first one)'
         others = (f'; {self._topic_player.count} messages of other topics'
                   if self._topic_player else '')
         return (f'Published {self._progress.count} frames at '
                 f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped'
-                f'{missed}{others}')
+                f'{missed}{unseen}{others}')
 
     def check_changes(self, changes: dict[str, Any]) -> None:
         """
@@ -262,6 +267,7 @@ class PublishLoop:
             description, dropped=self._events.dropped, missed=self._grabber.missed)
 
     def _count_unseen(self) -> None:
+        self._unseen += 1
         self._progress.tick(
             'no subscribers', dropped=self._events.dropped, missed=self._grabber.missed)
         self._diagnostics.count()

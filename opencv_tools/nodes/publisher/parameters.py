@@ -50,7 +50,9 @@ class PublisherSettings(NodeSettings):
 
     source: str = parameter(
         '0', 'Device number, device path, video file, bag, image file, folder or glob of images, '
-        'stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source)
+        'stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source, ends=True,
+        other_names=('video_device', 'device', 'device_id', 'filename', 'file', 'index', 'url',
+                     'uri', 'gscam_config'))
     bag_topic: str = parameter(
         '', 'Topic of the images of a bag; empty for the only one')
     topics: str = parameter(
@@ -61,7 +63,8 @@ class PublisherSettings(NodeSettings):
     capture: CaptureSettings = parameter_group(CaptureSettings(
         publish_rate=10.0, encoding='bgr8'))
     frame_id: str = parameter(
-        'camera', 'Coordinate frame of the camera, for the message headers', changeable=True)
+        'camera', 'Coordinate frame of the camera, for the message headers', changeable=True,
+        other_names=('camera_frame_id', 'camera_frame'))
     rectify: bool = parameter(
         False, 'Whether to publish images without the distortion of the lens on image_rect, by '
         'the calibration', changeable=True)
@@ -77,7 +80,8 @@ class PublisherSettings(NodeSettings):
         False, 'Publish the time of each frame of a bag on /clock, for nodes with use_sim_time')
     camera_info_url: str = parameter(
         '', 'URL of the calibration file: file:// or package://, with ${NAME} and ${ROS_HOME}; '
-        'empty for file://${ROS_HOME}/camera_info/${NAME}.yaml')
+        'empty for file://${ROS_HOME}/camera_info/${NAME}.yaml',
+        other_names=('camera_info_path', 'camera_calibration_file'))
     camera_name: str = parameter(
         '', 'Name of the camera, for ${NAME} in camera_info_url; empty for the namespace of the '
         'node, or camera if there is none', check=_check_camera_name)

@@ -120,7 +120,7 @@ def test_metadata_of_a_frame(tmp_path: Path) -> None:
     (b'', 'jpeg'), (b'codec of the future', 'av2')])
 def test_compressed_image_is_passed_on_byte_for_byte(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, data: bytes, format_text: str) -> None:
-    for name in ('decode_image', 'encode_image', 'convert_image'):
+    for name in ('decode_image', 'encode_compressed', 'convert_image'):
         monkeypatch.setattr(f'opencv_tools.capture.output_image.{name}', pytest.fail)
     path = write_mcap(tmp_path / 'a.mcap', [compressed_entry(1, data, format_text)])
     frame = BagSource(path).read()

@@ -324,10 +324,10 @@ def test_loss_has_to_be_allowed(
     assert len(frames(next((tmp_path / 'out').glob('[!m]*')))) == 1
 
 
-@pytest.mark.parametrize('target', ['{seq}.jpg', '{seq}.webp', 'a.mp4', 'a.mkv', 'a.avi'])
+@pytest.mark.parametrize('target', ['{seq}.jpg', '{seq}.webp', 'a.mp4', 'a.mkv'])
 @pytest.mark.parametrize(('encoding', 'limits'), [
-    ('bgra8', ()), ('rgba8', ()), ('bgr16', ()), ('16UC1', ('--range', '370:4900')),
-    ('mono16', ('--range', '0:3071')), ('32FC1', ('--range', '-0.37:0.9'))])
+    ('bgra8', ()), ('rgba8', ()), ('bgr16', ()), ('16UC1', ('--range=370:4900',)),
+    ('mono16', ('--range=0:3071',)), ('32FC1', ('--range=-0.37:0.9',))])
 def test_lossy_means_alpha_and_bits(
         tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str,
         limits: tuple[str, ...], target: str) -> None:

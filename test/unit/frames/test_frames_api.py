@@ -31,6 +31,8 @@ from opencv_tools.image.cdr import WireCompressedImage, WireHeader
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import EncodingError
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.transport.message_type import message_type
+from opencv_tools.video.settings import VideoSettings
 import pytest
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -322,6 +324,23 @@ def test_published_compressed_image(node: Node, array: np.ndarray, encoding: str
     decoded = Frame(wire, encoding).image
     assert decoded.shape == array.shape
     assert np.abs(decoded.astype(int) - array).max() < 4
+
+
+@pytest.mark.parametrize('subscribed', ['result', 'result/compressed', 'result/ffmpeg'])
+def test_images_without_subscribers_are_counted(node: Node, subscribed: str) -> None:
+    publisher = FramePublisher(node, 'result', video=VideoSettings())
+    for _ in range(7):
+        publisher.publish(IMAGE)
+    assert publisher.without_subscribers == 7
+    kind = message_type('ffmpeg_image_transport_msgs/msg/FFMPEGPacket') if (
+        subscribed.endswith('ffmpeg')) else CompressedImage if '/' in subscribed else Image
+    node.create_subscription(kind, subscribed, lambda _: None, 10, raw=True)
+    spin_until(node, lambda: publisher.has_subscribers)
+    publisher.publish(IMAGE)
+    with publisher.loan(4, 5) as loan:
+        loan.image[:] = 1
+    assert publisher.without_subscribers == 7
+    publisher.destroy()
 
 
 def test_refused_arrays(node: Node) -> None:

@@ -43,6 +43,7 @@ class Channel:
 
     def __init__(self, depth: int) -> None:
         self.qos_profile = QoSProfile(depth=depth)
+        self.topic_name = '/images'
         self.is_confirmed = False
 
     def wait_for_all_acked(self, timeout: Duration) -> bool:
@@ -130,6 +131,41 @@ def test_timeout_of_10_s_until_the_next_confirmation(log: FakeLog) -> None:
     assert not backlog.wait_for_room()
     assert log.now > timeout_at + 5
     assert [text for _, text in log.lines] == [WAITING_LINE, TIMEOUT_LINE, WAITING_LINE]
+
+
+@pytest.mark.parametrize(('depth', 'messages', 'lost'), [(10, 3, 3), (10, 60, 10), (1, 5, 1)])
+def test_end_with_messages_that_nobody_confirmed(
+        log: FakeLog, depth: int, messages: int, lost: int) -> None:
+    channel = Channel(depth)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    for _ in range(messages):
+        backlog.add(channel)
+    assert not backlog.wait_for_all()  # the wait of 10 s is over
+    assert not backlog.confirm_all()
+    assert log.now == pytest.approx(100 + 10 + 25, abs=0.01)
+    assert log.lines[-1][1] == (f'up to {lost} of the last messages on /images were not received '
+                                'by each reliable subscriber; they may be lost')
+
+
+@pytest.mark.parametrize('seconds', [0.0, 7.3, 24.9])
+def test_end_with_messages_that_are_confirmed_late(log: FakeLog, seconds: float) -> None:
+    channel = Channel(10)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    backlog.add(channel)
+    assert not backlog.wait_for_all()
+    later = log.now + seconds
+    log.on_sleep = lambda: setattr(channel, 'is_confirmed', log.now >= later)
+    assert backlog.confirm_all()
+    assert log.now == pytest.approx(later, abs=0.01)
+
+
+def test_stop_ends_the_wait_at_the_end(log: FakeLog) -> None:
+    channel = Channel(10)
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    backlog.add(channel)
+    log.on_sleep = backlog.stop
+    assert backlog.confirm_all()
+    assert log.lines == []
 
 
 def test_wait_for_all_messages(log: FakeLog) -> None:

@@ -224,3 +224,88 @@ def test_values_as_yaml_cpp_reads_them(file: Path) -> None:
                         ('NO', False), ('n', False)):
         file.write_text(CALIBRATION + OPERATION.replace('true', word))
         assert read_camera_info(file).roi.do_rectify is truth
+
+
+def test_file_of_opencv(file: Path) -> None:
+    expected = read_camera_info(file)
+    text = CALIBRATION.replace('_matrix:\n', '_matrix: !!opencv-matrix\n').replace(
+        'coefficients:\n', 'coefficients: !!opencv-matrix\n')
+    assert text.count('opencv-matrix') == 4
+    for version in '012':
+        file.write_text(f'%YAML:1.{version}\n---\n{text}')
+        assert read_camera_info(file) == expected
+
+
+INI = """# oST version 5.0 parameters
+
+[image]
+
+width
+640
+
+height
+480
+
+[narrow_stereo]
+
+camera matrix
+602.31847 0.000000 318.90521
+0.000000 603.07712 243.11608
+0.000000 0.000000 1.000000
+
+distortion
+{distortion}
+
+rectification
+1.0 0.0 0.0
+0.0 1.0 0.0
+0.0 0.0 1.0
+
+projection
+588.41903 0.0 309.57274 -70.61028
+0.0 588.41903 241.80466 0.0
+0.0 0.0 1.0 0.0
+"""
+
+
+@pytest.mark.parametrize(('distortion', 'model'), [
+    ('0.08712 -0.193355 0.001127 -0.000805 0.000000', 'plumb_bob'),
+    ('0.1 0.2 0.3 0.4 0.5 0.6 0.7 0.8', 'rational_polynomial')])
+def test_file_of_cameracalibrator(file: Path, distortion: str, model: str) -> None:
+    file.write_text(INI.format(distortion=distortion))
+    info = read_camera_info(file)
+    assert (info.width, info.height, info.distortion_model) == (640, 480, model)
+    assert info.d.tolist() == [float(number) for number in distortion.split()]
+    assert info.k.tolist() == [602.31847, 0, 318.90521, 0, 603.07712, 243.11608, 0, 0, 1]
+    assert info.p[3] == -70.61028 and info.r.tolist() == np.eye(3).ravel().tolist()
+
+
+@pytest.mark.parametrize(('old', 'new', 'reason'), [
+    ('640', 'wide', "image_width is missing: give a whole number"),
+    ('640', '0', 'image_width is .0.: give'), ('height\n480', '', 'image_height is missing'),
+    ('588.41903 0.0 309', '309', 'projection_matrix.data is'), ('0.08712', 'x', 'distortion_coef'),
+    ('camera matrix', 'camera', 'camera_matrix.data is')])
+def test_refused_files_of_cameracalibrator(file: Path, old: str, new: str, reason: str) -> None:
+    file.write_text(INI.format(distortion='0.08712 0 0 0 0').replace(old, new, 1))
+    with pytest.raises(CameraInfoError, match=reason):
+        read_camera_info(file)
+
+
+@pytest.mark.parametrize(('model', 'distortion'), [
+    ('fisheye', 'equidistant'), ('equidistant', 'equidistant'), ('pinhole', 'plumb_bob')])
+def test_camera_model_without_a_distortion_model(
+        file: Path, model: str, distortion: str) -> None:
+    file.write_text(CALIBRATION.replace(
+        'distortion_model: plumb_bob\n', f'camera_model: {model}\n'))
+    warnings: list[str] = []
+    assert read_camera_info(file, warnings.append).distortion_model == distortion
+    assert warnings == [f'{file} has no distortion_model: {distortion} is assumed']
+
+
+def test_unknown_camera_model(file: Path) -> None:
+    file.write_text(CALIBRATION.replace(
+        'distortion_model: plumb_bob\n', 'camera_model: mirror_ball\n'))
+    with pytest.raises(CameraInfoError, match="camera_model is 'mirror_ball': give dist"):
+        read_camera_info(file)
+    file.write_text(CALIBRATION + 'camera_model: mirror_ball\n')
+    assert read_camera_info(file).distortion_model == 'plumb_bob'

@@ -188,7 +188,7 @@ def test_saving_to_a_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, fi
     ('k', [float('nan'), *[0.0] * 8], 'K of the camera_info has the value nan'),
     ('p', [0.0] * 12, 'P of the camera_info has the focal lengths 0 and 0'),
     ('p', [float('-inf'), *[0.0] * 11], 'P of the camera_info has the value -inf'),
-    ('r', [0.0] * 9, 'P and R of the camera_info cannot be inverted'),
+    ('r', [0.0] * 8 + [1.0], 'P and R of the camera_info cannot be inverted'),
     ('d', [0.1, float('nan'), 0.0, 0.0, 0.0], 'D of the camera_info has the value nan'),
     ('d', [0.1, float('inf'), 0.0, 0.0, 0.0], 'D of the camera_info has the value inf'),
     ('d', [0.1] * 3, 'D of the camera_info has 3 coefficients'),

@@ -49,6 +49,7 @@ def test_exit_after_max_frames(node: Node) -> None:
     loop = create_loop(node, source='pattern:64x48', publish_rate=0.0, max_frames=3)
     assert loop.run() == EXIT_OK
     assert loop.summary().startswith('Published 3 frames at ')
+    assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers')
     assert loop.camera is None
 
 
@@ -66,7 +67,7 @@ def test_subscribers_are_waited_for_after_a_failure(
     backlog = loop._topics.backlog
     waits: list[str] = []
     wait_for_room = backlog.wait_for_room
-    monkeypatch.setattr(backlog, 'wait_for_all', lambda: waits.append('all'))
+    monkeypatch.setattr(backlog, 'confirm_all', lambda: waits.append('all'))
     monkeypatch.setattr(backlog, 'wait_for_room', lambda: (
         waits.append('room'), path.unlink(missing_ok=True), wait_for_room()))
     assert loop.run() == EXIT_FAILURE
@@ -148,3 +149,15 @@ def test_stop_ends_the_other_topics(node: Node, tmp_path: Path) -> None:
     assert thread.is_alive()
     loop.stop()
     assert not thread.is_alive()
+
+
+def test_frames_before_the_first_subscriber(
+        node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write_mcap(tmp_path / 'a.mcap', [image_entry(number) for number in range(1, 8)])
+    loop = create_loop(node, source=str(path), publish_rate=0.0)
+    seen = iter([False, False, True, True, False, True, True])
+    monkeypatch.setattr(loop._topics, 'publish', lambda *_, **__: next(seen))
+    monkeypatch.setattr(loop._topics, 'has_subscribers', lambda: True)
+    assert loop.run() == EXIT_OK
+    assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers '
+                                   '(wait_for_subscribers:=1 waits for the first one)')

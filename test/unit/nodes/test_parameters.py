@@ -24,7 +24,7 @@ from typing import Any
 from opencv_tools.base import parameter_fields
 from opencv_tools.image_filter import FilterSettings
 from opencv_tools.nodes.declaration import (
-    declare_parameters, UnknownParameterError, watch_parameters)
+    declare_parameters, describe_unknown, UnknownParameterError, watch_parameters)
 from opencv_tools.nodes.parameters import Parameter, parameter_table, with_values
 from opencv_tools.nodes.publisher import parameters as publisher_parameters
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
@@ -215,6 +215,24 @@ ENDING = (Parameter('counts', 1, 'a number', bounds=(0, 9)),
 def test_misspelt_parameter_that_ends_the_node(context: Context, name: str) -> None:
     with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean limits'):
         declare_given(context, ENDING, **{name: 1})
+
+
+@pytest.mark.parametrize(('name', 'meant'), [
+    ('video_device', 'source'), ('filename', 'source'), ('sourc', 'source'),
+    ('device_id', 'source'), ('gscam_config', 'source')])
+def test_name_that_means_the_source(context: Context, name: str, meant: str) -> None:
+    with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
+        declare_given(context, publisher_parameters.PARAMETERS, **{name: '/dev/video2'})
+
+
+@pytest.mark.parametrize(('name', 'meant'), [
+    ('framerate', 'fps'), ('pixel_format', 'fourcc'), ('image_width', 'width'),
+    ('image_height', 'height'), ('camera_frame_id', 'frame_id'), ('output_encoding', 'encoding'),
+    ('flip_vertical', 'flip'), ('camera_info_path', 'camera_info_url')])
+def test_name_of_another_package(context: Context, name: str, meant: str) -> None:
+    declare_given(context, publisher_parameters.PARAMETERS, **{name: 5}).destroy_node()
+    assert describe_unknown(name, publisher_parameters.PARAMETERS) == (
+        f'unknown parameter {name} is not used; did you mean {meant}?')
 
 
 @pytest.mark.parametrize(('name', 'value'), [('count', 1), ('use_sim_time', True), ('whole', 1)])
