@@ -36,6 +36,7 @@ from opencv_tools.base.signals import handle_signals, ignore_signals
 from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.fastdds.profile import configured_fastdds, FastDdsSetup
 from opencv_tools.transport.scheduling import explain_refusal
@@ -200,6 +201,7 @@ EXIT_OK = 0
 EXIT_FAILURE = 1
 EXIT_USAGE = 2
 
+_CLOCK_SECONDS = 3  # without a new time of /clock, after which this is logged
 _DESTROY_SECONDS = 5  # usually 0.05; `ros2 launch` kills a node after 10
 
 
@@ -304,9 +306,37 @@ def _start(
         return create_node(fastdds)
 
 
+class ClockWatch:
+    """Log that simulated time does not begin, stands still, or goes on."""
+
+    def __init__(self, node: Node, seconds: float = 1.0) -> None:
+        """
+        Look at the clock of a node with ``use_sim_time``; do nothing for others.
+
+        :param seconds: time between two looks.
+        """
+        self._node = node
+        self._last = self._looks = 0
+        if node.get_parameter('use_sim_time').value:
+            create_steady_timer(node, seconds, self._look)
+
+    def _look(self) -> None:
+        now, log = self._node.get_clock().now().nanoseconds, self._node.get_logger()
+        if now != self._last and self._looks >= _CLOCK_SECONDS:
+            log.info('simulated time goes on')
+        self._looks = self._looks + 1 if now == self._last else 0
+        self._last = now
+        if self._looks == _CLOCK_SECONDS:
+            log.warning(
+                'use_sim_time is set, but ' + ('/clock stands still' if now else (
+                    'nothing publishes /clock: start the simulator, play a bag with '
+                    'clock:=true, or unset use_sim_time; frames have no stamp until then')))
+
+
 def _run(node: ClosableNode, signals: NodeSignals) -> int:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
+    ClockWatch(node)
 
     def end_spin(_: Future | None = None) -> None:
         executor.create_task(bool)  # ends spin_once(); a mere wake-up does not

@@ -25,6 +25,7 @@ from pathlib import Path
 import time
 from typing import Generic, Protocol, TypeVar
 
+from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
 from opencv_tools.recording.folder import Folder
@@ -78,6 +79,10 @@ class FileWriter(Protocol):
         """Finish the file; remove it if it has no frame."""
 
 
+#: Longest step back of the stamps within a file, in nanoseconds.
+CLOCK_JUMP_NS = NANO
+_STANDING = 1000  # times slower than arrivals: stamps of a clock that stands
+
 W = TypeVar('W', bound=FileWriter)
 
 
@@ -91,6 +96,10 @@ class OpenFile(Generic[W]):
     :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
     :param is_described: whether the entry describes a frame, not only other messages.
     :param last_ns: the same of the last frame.
+    :param last_time_ns: time of the last frame with a stamp in nanoseconds, as ``time_ns`` returned
+        it; 0 before the first one.
+    :param last_arrival_ns: arrival time of that frame.
+    :param last_stamp_ns: its stamp.
     """
 
     path: Path
@@ -100,10 +109,27 @@ class OpenFile(Generic[W]):
     began_ns: int
     is_described: bool
     last_ns: int = 0
+    last_time_ns: int = 0
+    last_arrival_ns: int = 0
+    last_stamp_ns: int = 0
 
     def time_ns(self, frame: ReceivedFrame) -> int:
-        """Return the time of a frame, independent of changes of the system clock."""
-        return frame.metadata.stamp_ns or frame.arrival_ns + self.offset_ns
+        """
+        Return the time of a frame, independent of changes of the system clock.
+
+        It is the stamp while stamps advance as arrivals do. A stamp that stands still, or steps
+        back by up to a second, is replaced by the time of the last frame and the time between both
+        arrivals. A longer step back is the begin of another file.
+        """
+        stamp_ns = frame.metadata.stamp_ns
+        if not stamp_ns:
+            return frame.arrival_ns + self.offset_ns
+        step = stamp_ns - self.last_time_ns
+        passed = max(0, frame.arrival_ns - self.last_arrival_ns)
+        is_jump = stamp_ns < self.last_stamp_ns - CLOCK_JUMP_NS
+        if not self.last_time_ns or is_jump or step * _STANDING > passed:
+            return stamp_ns
+        return self.last_time_ns + passed
 
     def is_over(self, limits: Limits, frame: ReceivedFrame) -> bool:
         """Return whether the file has reached the limits of one file before a frame."""

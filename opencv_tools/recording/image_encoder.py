@@ -192,8 +192,8 @@ def to_eight_bits(
         image = to_display_image(
             image.reshape(image.shape[:2]), encoding, 'mono8', settings.limits)
         encoding = find_encoding('mono8')
-    kept = ('8UC3',) if settings.suffix == '.webp' else ('8UC1', '16UC1', '8UC3')
-    if encoding.kind != 'color' or encoding.type_name in kept:
+    kept = ('8UC3',) if settings.suffix == '.webp' else ('8UC1', '8UC3')
+    if encoding.kind != 'color' or encoding.type_name in kept or is_number(encoding):
         return image, encoding
     target = find_encoding('bgr8')
     return convert_image(_native(image, encoding), encoding, target), target

@@ -64,6 +64,8 @@ class Stamper:
         if recorded and event == 'original':
             return to_time(recorded.header_ns + round(offset * NANO))
         now, monotonic = self._read_clocks()
+        if not now and not recorded:
+            return Time()  # simulated time has not begun
         age = monotonic - captured_ns if event != 'publish' else 0
         stamp = max(0, now - age + round(offset * NANO))  # simulated time starts at 0
         if now >= self._last_now:

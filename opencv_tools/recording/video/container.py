@@ -36,7 +36,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from opencv_tools.base.regular_files import is_same_file, write_buffer
 from opencv_tools.base.units import NANO
 from opencv_tools.recording.errors import VideoError
-from opencv_tools.recording.file_sink import Room
+from opencv_tools.recording.file_sink import CLOCK_JUMP_NS, Room
 from opencv_tools.recording.recorder import Prepared
 
 
@@ -127,7 +127,6 @@ CONTAINER_FORMATS = {
         lag=0),
 }
 
-_CLOCK_JUMP_NS = NANO
 _BUFFER_SIZE = 2 ** 20  # bytes; about a second of video, so that a kill rarely hits a write
 
 
@@ -225,7 +224,7 @@ class VideoFile(Generic[V]):
         """
         step = time_ns - self._last_ns
         return (prepared.stream_format in (None, self.stream.stream_format)
-                and -_CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
+                and -CLOCK_JUMP_NS <= step <= self._format.longest * NANO)
 
     def is_at_path(self) -> bool:
         """Return whether the file is still at its path, or that cannot be determined."""

@@ -31,7 +31,7 @@ from opencv_tools.base.units import NANO
 from opencv_tools.image.encodings import find_encoding, generic_encoding
 from opencv_tools.image.errors import EncodingError, KeyFrameNeeded, VideoError
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.file_sink import FileFormat, OpenFile, Room
+from opencv_tools.recording.file_sink import CLOCK_JUMP_NS, FileFormat, OpenFile, Room
 from opencv_tools.recording.frames import PacketFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
     EncoderSettings, formats_for, to_eight_bits, without_loss)
@@ -142,6 +142,7 @@ class CopiedStream(WrittenVideo[PreparedPacket]):
 _SHORTEST_NS = NANO
 # Changes of the size after which a warning is logged, and files may no longer be short.
 _MANY_CHANGES = 3
+_SMALL_STEP_NS = NANO // 1000
 
 
 # One frame of a video.
@@ -156,6 +157,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         self._size = (0, 0)
         self._changes = 0  # of the size
         self._files = 0
+        self._has_warned_of_stamps = False
         #: Publisher and number of the last packet of the video, which the next one follows.
         self._last: tuple[bytes, int] | None = None
 
@@ -193,14 +195,19 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def write(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
               ) -> bool:
         """Encode a frame, or copy a packet; see `FileFormat`."""
-        is_written = file.writer.write(prepared, file.time_ns(frame))
-        if is_written and isinstance(frame, PacketFrame):
-            self._last = frame.publisher, frame.number
+        time_ns = file.time_ns(frame)
+        is_written = file.writer.write(prepared, time_ns)
+        if is_written:
+            file.last_time_ns, file.last_arrival_ns = time_ns, frame.arrival_ns
+            file.last_stamp_ns = frame.metadata.stamp_ns
+            if isinstance(frame, PacketFrame):
+                self._last = frame.publisher, frame.number
         return is_written
 
     def continues(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
                   ) -> bool:
         """Return whether a frame fits a video; see `FileFormat`."""
+        self._check_stamp(file, frame)
         if file.writer.fits(prepared, file.time_ns(frame)):
             return True
         if (isinstance(prepared, PreparedPacket) and prepared.sets and self._files > _MANY_CHANGES
@@ -224,6 +231,18 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
             raise KeyFrameNeeded(
                 f'a packet of {frame.packet.codec} needs earlier packets, which are missing in '
                 'the video')
+
+    def _check_stamp(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame) -> None:
+        """Warn once of stamps that step back or stand still."""
+        stamp_ns, late = frame.metadata.stamp_ns, file.last_stamp_ns - frame.metadata.stamp_ns
+        is_used = late <= CLOCK_JUMP_NS and file.time_ns(frame) == stamp_ns
+        if is_used or not (stamp_ns and file.last_time_ns) or self._has_warned_of_stamps:
+            return
+        self._has_warned_of_stamps = True
+        what = f'step back by {late / NANO:.3g} s' if late > _SMALL_STEP_NS else 'stand still'
+        self.warning = f'the stamps of the frames {what}; ' + (
+            'another video begins' if late > CLOCK_JUMP_NS else
+            'the video goes on with the times of arrival')
 
     def _is_next(self, frame: PacketFrame) -> bool:
         """Return whether a packet follows the last one; without numbers none is missing."""

@@ -106,3 +106,16 @@ def test_held_frame_of_a_bag_is_captured_again(stamper: Stamper) -> None:
     stamps = [Time.from_msg(stamper.stamp(due * NANO // 10, 'capture', 0.0, frame)).nanoseconds
               for due, frame in ((490, frames[0]), (491, frames[1]), (492, frames[1]))]
     assert stamps == [99_000_000_000, 99_000_000_030, 99_200_000_000]
+
+
+def test_no_stamp_before_simulated_time_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('opencv_tools.nodes.publisher.stamps.time',
+                        SimpleNamespace(monotonic_ns=lambda: 50 * NANO))
+    clock = ROSClock()
+    clock._set_ros_time_is_active(True)
+    stamper = Stamper(clock)
+    for offset in (0.0, 0.5, -3.0):
+        stamp = stamper.stamp(50 * NANO, 'capture', offset)
+        assert (stamp.sec, stamp.nanosec) == (0, 0)
+    clock.set_ros_time_override(Time(seconds=7, clock_type=ClockType.ROS_TIME))
+    assert stamper.stamp(50 * NANO, 'capture', 0.0).sec == 7

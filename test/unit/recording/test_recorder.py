@@ -144,7 +144,8 @@ def test_bad_frame_is_logged_once_and_numbering_continues(tmp_path: Path) -> Non
         f'{number}.png' for number in range(5)]
     assert console.lines == [
         'error: a frame was not written: a 32FC1 frame cannot be stored as .png; '
-        'set the extension of file_name to .tif or .tiff or .npy']
+        'set the extension of file_name to .tif or .tiff or .npy, or allow a loss and give the '
+        'range of the numbers']
 
 
 def test_unexpected_error_does_not_stop_the_recorder(

@@ -467,8 +467,10 @@ def test_error_of_a_refused_frame_names_other_formats(
                      image=np.zeros((4, 4), dtype))
     with pytest.raises(UnwritableError) as caught:
         videos.prepare(frame)
+    remedy = ('' if encoding == 'bayer_rggb16' else
+              ', or allow a loss and give the range of the numbers')
     assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
-                                 f'set the extension of file_name to {suffixes}')
+                                 f'set the extension of file_name to {suffixes}{remedy}')
     videos.close()
 
 
@@ -591,3 +593,72 @@ def test_ring_after_a_killed_recording(tmp_path: Path) -> None:
     videos.close()
     kept = kept_numbers(tmp_path)
     assert kept[-20:] == [*range(60, 80)] and len(kept) <= 40
+
+
+def times_of(path: Path) -> list[float]:
+    """Return the times of the frames of a video in seconds."""
+    with av.open(str(path)) as container:
+        return [float(frame.pts * frame.time_base) for frame in container.decode(video=0)]
+
+
+def record_stamps(folder: Path, stamps: list[float], rate: float) -> tuple[list[Path], list[str]]:
+    """Record frames with stamps that arrive at a rate; return the videos and the warnings."""
+    videos = open_videos(folder)
+    warnings = []
+    for number, stamp in enumerate(stamps):
+        frame = RawFrame(
+            metadata=FrameMetadata(round(stamp * NANO), '', 'mono8', ''), receive_ns=1,
+            arrival_ns=NANO + round(number / rate * NANO), image=np.zeros((16, 16), np.uint8))
+        videos.commit(frame, videos.prepare(frame))
+        if videos.counts.warning not in warnings:
+            warnings.append(videos.counts.warning)
+    videos.close()
+    return recorded_files(folder), [text for text in warnings if text]
+
+
+@pytest.mark.parametrize('rate', [5, 30, 113])
+@pytest.mark.parametrize('back', [0.3, 0.97])
+def test_stamps_that_step_back_go_on_by_arrival(
+        tmp_path: Path, rate: float, back: float) -> None:
+    count = 2 * rate
+    stamps = [1000 + number / rate - back * (number >= rate) for number in range(count)]
+    (path,), warnings = record_stamps(tmp_path, stamps, rate)
+    times = times_of(path)
+    assert np.abs(np.array(times) - np.arange(count) / rate).max() < 0.002
+    late = back - 1 / rate  # since the last stamp
+    assert warnings == [
+        f'the stamps of the frames step back by {late:.3g} s; the video goes on with the times '
+        'of arrival']
+
+
+@pytest.mark.parametrize('back', [1.5, 7.3, 100.0])
+def test_stamps_that_step_back_further_begin_a_file(tmp_path: Path, back: float) -> None:
+    stamps = [1000 + number / 30 - back * (number >= 20) for number in range(40)]
+    paths, warnings = record_stamps(tmp_path, stamps, 30)
+    assert [len(times_of(path)) for path in paths] == [20, 20]
+    assert len(warnings) == 1 and warnings[0].endswith('; another video begins')
+
+
+@pytest.mark.parametrize('step', [0.0, 1e-9, 2e-6])
+def test_stamps_of_a_clock_that_stands_still(tmp_path: Path, step: float) -> None:
+    stamps = [1e-9 + number * step for number in range(37)]
+    (path,), warnings = record_stamps(tmp_path, stamps, 12.5)
+    assert np.abs(np.array(times_of(path)) - np.arange(37) / 12.5).max() < 0.002
+    assert warnings == ['the stamps of the frames stand still; the video goes on with the times '
+                        'of arrival']
+
+
+@pytest.mark.parametrize('speed', [0.05, 0.4, 3.0])
+def test_stamps_of_simulated_time_at_any_speed(tmp_path: Path, speed: float) -> None:
+    stamps = [5 + number / 30 * speed for number in range(30)]
+    (path,), warnings = record_stamps(tmp_path, stamps, 30)
+    assert np.abs(np.array(times_of(path)) - np.arange(30) / 30 * speed).max() < 0.002
+    assert not warnings
+
+
+def test_stamps_with_jitter_and_a_pause(tmp_path: Path) -> None:
+    random = np.random.default_rng(6)
+    stamps = [*(5 + np.arange(20) / 30 + random.uniform(-0.01, 0.01, 20)), *range(60, 70)]
+    (path,), warnings = record_stamps(tmp_path, stamps, 30)
+    assert np.abs(np.array(times_of(path)) - (np.array(stamps) - stamps[0])).max() < 0.002
+    assert not warnings
