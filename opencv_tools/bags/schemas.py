@@ -18,24 +18,10 @@ from __future__ import annotations
 
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.message_types.definition import read_definition
-from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
+from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET
 
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 
 #: Text of the schema of each type: its fields, then the types that it uses, as in rosbag2.
 MESSAGE_DEFINITIONS = {name: read_definition(name).text for name in (
     IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, FFMPEG_PACKET, COMPRESSED_VIDEO)}
-
-# Last parts of the names of topics beside an image topic, as in image_transport.
-_SUFFIXES = ('compressed', *VIDEO_TOPICS.values())
-
-
-def image_topic(topic: str) -> str:
-    """Return the image topic beside a topic of compressed images or video."""
-    base, _, suffix = topic.rpartition('/')
-    return base if base and suffix in _SUFFIXES else topic
-
-
-def camera_info_topic(topic: str) -> str:
-    """Return the topic of the camera_info beside a topic of images or video."""
-    return image_topic(topic).rpartition('/')[0] + '/camera_info'

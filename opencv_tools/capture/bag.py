@@ -28,7 +28,7 @@ from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_video import BagVideo
@@ -38,6 +38,7 @@ from opencv_tools.image.cdr import cdr_to_image, IMAGE, WireMessage
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_pixels
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.video.messages import WireVideo
 
 _REMEDY = 'set bag_topic, or --topic of the command, to one of'
@@ -81,7 +82,10 @@ class BagSource:
         self.topics = counts
         #: Decoder of a topic of video.
         self.video = BagVideo(self.topic.type_name)
-        info = BagTopic(camera_info_topic(self.topic.name), CAMERA_INFO)
+        #: Topic of the calibration, which the bag may lack.
+        self.info_topic = camera_info_topic(
+            self.topic.name, lambda name: BagTopic(name, CAMERA_INFO) in counts)
+        info = BagTopic(self.info_topic, CAMERA_INFO)
         self._wanted = [self.topic, *({info} & counts.keys())]
         self.count = counts[self.topic]
         seconds = (self._bag.last_ns - self._bag.first_ns) / NANO
@@ -187,7 +191,8 @@ class BagSource:
             image, encoding, position=(message.log_ns - self._bag.first_ns) / NANO,
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
                               play=self._play, publish_ns=message.publish_ns,
-                              number=message.number, camera_info=camera_info))
+                              number=message.number, camera_info=camera_info,
+                              info_topic=self.info_topic))
 
 
 def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,

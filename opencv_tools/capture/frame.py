@@ -47,6 +47,7 @@ class Recorded:
     :param publish_ns: time of publication in nanoseconds; 0 if unknown.
     :param number: number of the message from its publisher; 0 if unknown.
     :param camera_info: serialized sensor_msgs/CameraInfo of the frame; None if there is none.
+    :param info_topic: its topic.
     """
 
     message: WireMessage | WireVideo
@@ -56,6 +57,7 @@ class Recorded:
     publish_ns: int = 0
     number: int = 0
     camera_info: Any = None
+    info_topic: str = ''
 
     @property
     def header_ns(self) -> int:

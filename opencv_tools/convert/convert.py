@@ -25,7 +25,7 @@ from pathlib import Path
 import time
 from typing import Any
 
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
+from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.bags.writing import BAG_SUFFIX, BagChannel
 from opencv_tools.base.logs import ConsoleWriter, Log, log_if_slow
 from opencv_tools.base.progress import open_progress
@@ -47,6 +47,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.layout import array_to_wire
+from opencv_tools.image.topic_names import camera_info_topic, image_topic
 from opencv_tools.recording.bag_sink import BagSink, MessageFrame, RecordedMessage
 from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, packet_frame, RawFrame, ReceivedFrame
@@ -171,7 +172,8 @@ def _message_frame(
 
 def camera_info_message(recorded: Recorded) -> RecordedMessage:
     """Return the calibration of a frame as a message for a bag."""
-    channel = BagChannel(topic=camera_info_topic(recorded.topic), type_name=CAMERA_INFO)
+    channel = BagChannel(topic=recorded.info_topic or camera_info_topic(recorded.topic),
+                         type_name=CAMERA_INFO)
     return RecordedMessage(channel=channel, parts=(recorded.camera_info,), log_ns=recorded.log_ns,
                            publish_ns=recorded.log_ns)
 

@@ -21,13 +21,14 @@ import time
 from typing import Any
 
 from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic, image_topic
+from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.base.logs import Log, Throttle
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage, WireMessage
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.topic_names import camera_info_topic, image_topic
 from opencv_tools.recording.bag_sink import MessageFrame, RecordedMessage
 from opencv_tools.recording.frames import (
     ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)
@@ -135,7 +136,7 @@ class BagMessages:
         self._channels: dict[tuple[str, str], BagChannel] = {}
         self._image_topics: dict[str, str] = {}
         self._throttle = Throttle()
-        info_topic = camera_info_topic(topic)
+        info_topic = camera_info_topic(topic, node.count_publishers)
         self._subscribe(info_topic, offers_of(self._node, info_topic, CAMERA_INFO))
 
     def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
@@ -148,7 +149,8 @@ class BagMessages:
         type_name = type_of(received)
         if type_name == IMAGE:
             topic = self._topic_of_images(topic)
-        self._follow_camera_info(camera_info_topic(topic))
+        if self._throttle.passes('camera_info', _CHECK_SECONDS):
+            self._follow_camera_info(camera_info_topic(topic, self._node.count_publishers))
         return frame_of(received, self._channel(topic, type_name),
                         self._arrivals.arrival_ns(received.receive_ns))
 
@@ -164,8 +166,6 @@ class BagMessages:
 
     def _follow_camera_info(self, topic: str) -> None:
         """Subscribe again if the topic has changed, or its publishers offer something else."""
-        if not self._throttle.passes('camera_info', _CHECK_SECONDS):
-            return
         offers = offers_of(self._node, topic, CAMERA_INFO)
         if topic != self._topic or (offers and _qos(offers) != self._qos):
             self.close()

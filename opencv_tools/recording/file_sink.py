@@ -96,8 +96,8 @@ class OpenFile(Generic[W]):
     :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
     :param is_described: whether the entry describes a frame, not only other messages.
     :param last_ns: the same of the last frame.
-    :param last_time_ns: time of the last frame with a stamp in nanoseconds, as ``time_ns`` returned
-        it; 0 before the first one.
+    :param last_time_ns: time of the last frame in nanoseconds, as ``time_ns`` returned it; 0
+        before the first one.
     :param last_arrival_ns: arrival time of that frame.
     :param last_stamp_ns: its stamp.
     """

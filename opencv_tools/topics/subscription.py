@@ -18,12 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import suppress
+from functools import partial
 from threading import current_thread, Lock, RLock, Thread
 import time
 from typing import NamedTuple
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions
@@ -278,8 +280,9 @@ class FrameSubscription:
         self._sources = FrameSources(discovery, self._queue, options, log, self._wake_ups)
         self._polled_at = time.monotonic()
         self._is_threaded = options.threaded
-        folder = discovery.resolved.rpartition('/')[0]
-        self._info_topic = f'{folder}/camera_info' if options.camera_info else ''
+        self._find_info_topic = partial(
+            camera_info_topic, discovery.resolved, node.count_publishers)
+        self._info_topic = self._find_info_topic() if options.camera_info else ''
         self._info_subscription: Subscription | None = None
         self._timer: Timer | None = None
 
@@ -289,10 +292,6 @@ class FrameSubscription:
 
         All that they use has to exist, because the executor may spin in another thread.
         """
-        def add_info(info: CameraInfo) -> None:
-            self._queue.put_info(info)
-            self._wake_ups.wake()
-
         def end_thread(has_failed: bool) -> None:
             if has_failed:
                 self._wake_ups.wake()  # the executor raises the exception
@@ -300,14 +299,24 @@ class FrameSubscription:
                 self._wake_ups.destroy()
 
         with self._changing:
-            if self._info_topic:
-                self._info_subscription = destroyable(self._node.create_subscription(
-                    CameraInfo, self._info_topic, add_info, qos_profile_sensor_data))
+            self._subscribe_info(self._info_topic)
             self._timer = create_steady_timer(
                 self._node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
             if self._is_threaded:
                 self._consumer.start_thread(f'frames of {self.topic_name}', end_thread)
             self._wake_ups.start()
+
+    def _subscribe_info(self, topic: str) -> None:
+        """Subscribe to a topic of camera_info instead of another one."""
+        def add_info(info: CameraInfo) -> None:
+            self._queue.put_info(info)
+            self._wake_ups.wake()
+
+        if self._info_subscription:
+            self._node.destroy_subscription(self._info_subscription)
+        self._info_topic = topic
+        self._info_subscription = destroyable(self._node.create_subscription(
+            CameraInfo, topic, add_info, qos_profile_sensor_data)) if topic else None
 
     @property
     def topic_name(self) -> str:
@@ -429,6 +438,8 @@ class FrameSubscription:
                 self._no_frames_warning.reset_period()
             if self._sources.adapt():
                 self._no_frames_warning.reset()
+            if self._info_topic and self._find_info_topic() != self._info_topic:
+                self._subscribe_info(self._find_info_topic())
         with self._queue.lock:
             counts = dict(self._queue.order.accepted)
         self._mixed_publishers.check(self.topic_name, counts)

@@ -27,7 +27,7 @@ from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.offered_qos import KEEP_LAST, OfferedQos, read_offered_qos
 from opencv_tools.bags.open_bag import open_bag_file
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
-from opencv_tools.bags.schemas import CAMERA_INFO, camera_info_topic
+from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
@@ -54,7 +54,7 @@ def played_topics(source: BagSource, patterns: Sequence[str]) -> list[BagTopic]:
 
     Topics whose messages are not CDR, which cannot be published, are the last ones.
     """
-    info = BagTopic(camera_info_topic(source.topic.name), CAMERA_INFO)
+    info = BagTopic(source.info_topic, CAMERA_INFO)
     return sorted((topic for topic in source.topics.keys() - {source.topic, info}
                    if matches(topic.name, patterns)),
                   key=lambda topic: (topic.serialization != CDR, topic.name, topic.type_name))

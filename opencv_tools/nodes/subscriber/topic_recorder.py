@@ -24,11 +24,11 @@ from threading import Event, Thread
 import time
 
 from opencv_tools.bags.offered_qos import offered_qos_text
-from opencv_tools.bags.schemas import camera_info_topic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.errors import CdrError
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.conversion import offered_qos
 from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
@@ -239,8 +239,8 @@ class TopicRecorder:
         self._node = node
         self._patterns = patterns
         self._excluded = {image_topic, f'{image_topic}/compressed', f'{image_topic}{SUFFIX}',
-                          *(f'{image_topic}/{name}' for name in VIDEO_TOPICS.values()),
-                          camera_info_topic(image_topic)}
+                          *(f'{image_topic}/{name}' for name in VIDEO_TOPICS.values())}
+        self._image_topic = image_topic
         self._log = log
         self._types = TopicTypes(node)
         self._topics: dict[str, RecordedTopic] = {}  # that are received now
@@ -369,6 +369,7 @@ class TopicRecorder:
         """Return whether a topic matches, is not hidden, and is not a part of an image topic."""
         return (matches(name, self._patterns)
                 and name not in self._excluded and '/_' not in name
+                and name != camera_info_topic(self._image_topic, names.__contains__)
                 and not (name.endswith(SUFFIX) and name.removesuffix(SUFFIX) in names))
 
     def _add(self, name: str, publishers: list[TopicEndpointInfo]) -> bool:

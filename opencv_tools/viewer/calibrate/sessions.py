@@ -24,7 +24,7 @@ import time
 from typing import Any
 
 import numpy as np
-from opencv_tools.bags.schemas import camera_info_topic
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.topics.message_reader import MessageReader

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.bags.schemas import camera_info_topic, MESSAGE_DEFINITIONS
+from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.message_types.definition import read_definition
 import pytest
 
@@ -28,11 +28,3 @@ def test_schema_has_all_types(type_name: str, monkeypatch: pytest.MonkeyPatch) -
     found = read_definition(type_name, MESSAGE_DEFINITIONS[type_name])
     assert {name: each.fields for name, each in found.types.items()} == {
         name: each.fields for name, each in expected.types.items()}
-
-
-@pytest.mark.parametrize(('topic', 'expected'), [
-    ('/video_frames', '/camera_info'), ('/front/image/compressed', '/front/camera_info'),
-    ('/compressed', '/camera_info'), ('/a/compressed_image', '/a/camera_info'),
-    ('/front/image/ffmpeg', '/front/camera_info'), ('/video/foxglove', '/camera_info')])
-def test_topic_of_camera_info(topic: str, expected: str) -> None:
-    assert camera_info_topic(topic) == expected

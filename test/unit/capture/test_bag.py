@@ -230,6 +230,18 @@ def test_calibration_with_the_stamp_of_an_image(
     assert [info and int(bytes(info)[-1:]) for info in infos] == expected
 
 
+def test_calibration_of_a_rectified_topic(tmp_path: Path) -> None:
+    topic = '/camera/image_rect'
+    own = info_entry(0, -1, f'{topic}/camera_info')
+    entries = [info_entry(0, -2), own._replace(data=own.data[:-1] + b'7'),
+               *(image_entry(number, topic=topic) for number in range(3))]
+    source = BagSource(write_mcap(tmp_path / 'a.mcap', entries))
+    recorded = [frame.recorded for frame in frames_of(source) if frame.recorded]
+    assert source.info_topic == f'{topic}/camera_info'
+    assert {found.info_topic for found in recorded} == {f'{topic}/camera_info'}
+    assert [bytes(found.camera_info)[-6:] for found in recorded] == [b'info 7'] * 3
+
+
 def test_last_calibration_holds_for_later_images(tmp_path: Path) -> None:
     entries = [info_entry(0, -1), *map(image_entry, range(3)),
                info_entry(0, 1, '/other/camera_info')]
