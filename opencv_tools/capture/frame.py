@@ -47,7 +47,7 @@ class Recorded:
     :param publish_ns: time of publication in nanoseconds; 0 if unknown.
     :param number: number of the message from its publisher; 0 if unknown.
     :param camera_info: serialized sensor_msgs/CameraInfo of the frame; None if there is none.
-    :param info_topic: its topic.
+    :param info_topic: topic of the camera_info; '' if there is none.
     """
 
     message: WireMessage | WireVideo

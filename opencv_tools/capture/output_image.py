@@ -127,17 +127,6 @@ class OutputImage:
         return why_not_compressed(self._pixels[1], *self.size, self.settings.compressed_format)
 
     @property
-    def reduction(self) -> str:
-        """What the settings take from the frame, as ``mono16 images lose 8 bits``; '' for none."""
-        if self.frame.encoding in (JPEG, VIDEO) or not self.settings.encoding:
-            return ''
-        before, after = find_encoding(self.frame.encoding), find_encoding(self.settings.encoding)
-        lost = 8 * (np.dtype(before.dtype).itemsize - np.dtype(after.dtype).itemsize)
-        what = f'{lost} bits' if lost > 0 else 'alpha' if (
-            before.channels == 4 and after.channels < 4) else ''
-        return what and f'{before.name} images lose {what} in {after.name}'
-
-    @property
     def packet(self) -> VideoPacket | None:
         """Packet of a camera or stream, if the settings do not change its picture."""
         video = self.frame.video
@@ -185,6 +174,22 @@ class OutputImage:
         height, width = turned.shape[:2]
         out = self.lend(height, width, target)
         return turn_image(_native(image, target), flip, degrees, out), target
+
+
+def describe_reduction(captured: str, published: str) -> str:
+    """
+    Return a sentence such as ``mono16 images lose 8 bits in bgr8``; '' for images that lose none.
+
+    :param captured: encoding of a captured frame, also ``JPEG`` or ``VIDEO``.
+    :param published: value of the parameter ``encoding``.
+    """
+    if captured in (JPEG, VIDEO) or not published:
+        return ''
+    before, after = find_encoding(captured), find_encoding(published)
+    lost = 8 * (np.dtype(before.dtype).itemsize - np.dtype(after.dtype).itemsize)
+    has_lost_alpha = before.channels == 4 and after.channels < 4
+    what = f'{lost} bits' if lost > 0 else 'alpha' if has_lost_alpha else ''
+    return what and f'{before.name} images lose {what} in {after.name}'
 
 
 def _is_kept(output: OutputImage) -> bool:

@@ -38,5 +38,7 @@ def camera_info_topic(topic: str, exists: Callable[[str], object] = lambda _: Fa
     :returns: ``<image topic>/camera_info`` if it exists, as beside rectified images; else the one
         in the folder of the image topic.
     """
-    own = f'{image_topic(topic)}/camera_info'
-    return own if len(own) <= _MAX_NAME and exists(own) else f'{image_topic(topic).rpartition("/")[0]}/camera_info'
+    images = image_topic(topic)
+    own = f'{images}/camera_info'
+    has_own = len(own) <= _MAX_NAME and exists(own)
+    return own if has_own else f'{images.rpartition("/")[0]}/camera_info'

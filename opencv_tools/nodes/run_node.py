@@ -313,7 +313,7 @@ class ClockWatch:
         """
         Look at the clock of a node with ``use_sim_time``; do nothing for others.
 
-        :param seconds: time between two looks.
+        :param seconds: seconds from one look to the next.
         """
         self._node = node
         self._last = self._looks = 0

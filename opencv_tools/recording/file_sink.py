@@ -98,8 +98,8 @@ class OpenFile(Generic[W]):
     :param last_ns: the same of the last frame.
     :param last_time_ns: time of the last frame in nanoseconds, as ``time_ns`` returned it; 0
         before the first one.
-    :param last_arrival_ns: arrival time of that frame.
-    :param last_stamp_ns: its stamp.
+    :param last_arrival_ns: arrival time of that frame, as ``began_ns``.
+    :param last_stamp_ns: stamp of that frame; 0 for none.
     """
 
     path: Path

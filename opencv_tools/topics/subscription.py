@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import suppress
-from functools import partial
 from threading import current_thread, Lock, RLock, Thread
 import time
 from typing import NamedTuple
@@ -241,6 +240,43 @@ class Account(NamedTuple):
     is_complete: bool
 
 
+class InfoReader:
+    """Put the camera_info that belongs to an image topic into a queue."""
+
+    def __init__(
+        self, node: Node, images: str, queue: FrameQueue, wake_ups: WakeUps,
+    ) -> None:
+        """
+        Read nothing yet; ``follow`` subscribes.
+
+        :param images: name of the image topic after remapping.
+        """
+        self._node, self._images = node, images
+        self._queue, self._wake_ups = queue, wake_ups
+        self._subscription: Subscription | None = None
+        #: Topic of the camera_info.
+        self.topic = ''
+
+    def follow(self) -> None:
+        """Subscribe, or subscribe to another topic if that belongs to the images now."""
+        topic = camera_info_topic(self._images, self._node.count_publishers)
+        if topic != self.topic:
+            self.destroy()
+            self.topic = topic
+            self._subscription = destroyable(self._node.create_subscription(
+                CameraInfo, topic, self._receive, qos_profile_sensor_data))
+
+    def _receive(self, info: CameraInfo) -> None:
+        self._queue.put_info(info)
+        self._wake_ups.wake()
+
+    def destroy(self) -> None:
+        """Unsubscribe."""
+        if self._subscription:
+            self._node.destroy_subscription(self._subscription)
+        self._subscription = None
+
+
 class FrameSubscription:
     """
     Receive the frames of a topic with the quality of service that its publishers offer.
@@ -280,10 +316,8 @@ class FrameSubscription:
         self._sources = FrameSources(discovery, self._queue, options, log, self._wake_ups)
         self._polled_at = time.monotonic()
         self._is_threaded = options.threaded
-        self._find_info_topic = partial(
-            camera_info_topic, discovery.resolved, node.count_publishers)
-        self._info_topic = self._find_info_topic() if options.camera_info else ''
-        self._info_subscription: Subscription | None = None
+        self._infos = InfoReader(node, discovery.resolved, self._queue, self._wake_ups) if (
+            options.camera_info) else None
         self._timer: Timer | None = None
 
     def start(self) -> None:
@@ -299,24 +333,13 @@ class FrameSubscription:
                 self._wake_ups.destroy()
 
         with self._changing:
-            self._subscribe_info(self._info_topic)
+            if self._infos:
+                self._infos.follow()
             self._timer = create_steady_timer(
                 self._node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
             if self._is_threaded:
                 self._consumer.start_thread(f'frames of {self.topic_name}', end_thread)
             self._wake_ups.start()
-
-    def _subscribe_info(self, topic: str) -> None:
-        """Subscribe to a topic of camera_info instead of another one."""
-        def add_info(info: CameraInfo) -> None:
-            self._queue.put_info(info)
-            self._wake_ups.wake()
-
-        if self._info_subscription:
-            self._node.destroy_subscription(self._info_subscription)
-        self._info_topic = topic
-        self._info_subscription = destroyable(self._node.create_subscription(
-            CameraInfo, topic, add_info, qos_profile_sensor_data)) if topic else None
 
     @property
     def topic_name(self) -> str:
@@ -343,8 +366,8 @@ class FrameSubscription:
 
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
-        if self._queue.has_unpaired:
-            return (f'{self.topic_name} has images, but {self._info_topic} has no calibration '
+        if self._infos and self._queue.has_unpaired:
+            return (f'{self.topic_name} has images, but {self._infos.topic} has no calibration '
                     'with their stamps; publish it, or set camera_info=False')
         if self._queue.waits_for_key_frame:
             return (f'{self.topic_name} has video, but no key frame with parameter sets, which '
@@ -405,8 +428,8 @@ class FrameSubscription:
             self._wake_ups.readers = ()
             if self._timer:
                 self._node.destroy_timer(self._timer)
-            if self._info_subscription:
-                self._node.destroy_subscription(self._info_subscription)
+            if self._infos:
+                self._infos.destroy()
 
     def _wake(self, ready: Sequence[MessageReader], have_publishers_changed: bool) -> None:
         """Receive what has arrived, and pass on at most one frame, in the executor."""
@@ -438,8 +461,8 @@ class FrameSubscription:
                 self._no_frames_warning.reset_period()
             if self._sources.adapt():
                 self._no_frames_warning.reset()
-            if self._info_topic and self._find_info_topic() != self._info_topic:
-                self._subscribe_info(self._find_info_topic())
+            if self._infos:
+                self._infos.follow()
         with self._queue.lock:
             counts = dict(self._queue.order.accepted)
         self._mixed_publishers.check(self.topic_name, counts)

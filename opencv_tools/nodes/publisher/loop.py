@@ -27,7 +27,7 @@ from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
-from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.output_image import describe_reduction, OutputImage
 from opencv_tools.capture.source import describe_opening, open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
@@ -251,9 +251,10 @@ class PublishLoop:
             if self.camera and self._topics.needs_key_frame:
                 self.camera.request_key_frame()
             description = output.description
-            if output.reduction:
+            reduction = describe_reduction(frame.encoding, self.settings.capture.encoding)
+            if reduction:
                 self._log.warning(
-                    f'{output.reduction}, as the parameter encoding has it; an empty encoding '
+                    f'{reduction}, as the parameter encoding has it; an empty encoding '
                     'publishes them as they are', once='encoding')
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
