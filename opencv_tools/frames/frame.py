@@ -23,11 +23,9 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireMessage
-from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.encodings import encodings_between, find_encoding
 from opencv_tools.image.errors import ImageError, RectificationError, SizeError
-from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
-from opencv_tools.image_codecs import convert_image
+from opencv_tools.image_codecs import convert_image, decode_compressed
 from opencv_tools.rectification import Rectifier
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
@@ -69,9 +67,8 @@ class Frame:
         #: Encoding of ``raw``.
         self.raw_encoding: str
         if isinstance(message, WireCompressedImage):
-            check_size(*image_size(bytes(message.data)), MAX_PIXELS)
-            self._raw = _BRIDGE.compressed_imgmsg_to_cv2(message)
-            self.raw_encoding = decoded_encoding(self._raw, message.format).name
+            self._raw, encoding = decode_compressed(message.data, message.format)
+            self.raw_encoding = encoding.name
         else:
             if not message.width or not message.height:
                 raise SizeError(f'the image has {message.width}x{message.height} pixels')
