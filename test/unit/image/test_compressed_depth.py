@@ -138,5 +138,6 @@ def test_damaged_messages(content: bytes, codec: str) -> None:
 
 @pytest.mark.parametrize('size', [(2**32 - 1, 2**32 - 1), (2**26, 1), (1, 2**31), (0, 7), (7, 0)])
 def test_hostile_size_of_rvl(size: tuple[int, int]) -> None:
+    content = struct.pack('<iffII', 0, 0, 0, *size) + bytes(8)
     with pytest.raises((CodecError, SizeError)):
-        decode_depth(struct.pack('<iffII', 0, 0, 0, *size) + bytes(8), '16UC1; compressedDepth rvl')
+        decode_depth(content, '16UC1; compressedDepth rvl')
