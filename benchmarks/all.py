@@ -32,7 +32,8 @@ from figures import Figure, read_figures, table
 import numpy as np
 
 BENCHMARKS = (
-    'startup', 'robot', 'robot_page', 'bridge', 'rectified', 'calibration', 'idle', 'playback',
+    'startup', 'robot', 'robot_page', 'bridge', 'depth', 'rectified', 'calibration', 'idle',
+    'playback',
     'recording', 'bags', 'messages', 'datasets', 'viewer', 'viewer_page', 'viewer_calibration',
     'video', 'transport',
     'transport --qos best_effort --runs 3 --ways "ours raw" "plain subscriber" tutorial',

@@ -32,6 +32,7 @@ _FISHEYE = 'equidistant'
 # OpenCV has 16 bits for a coordinate of a pixel.
 _MAX_SIDE = 32_766
 _MAX_NAME = 64
+_NO_RAY = 1e5  # OpenCV returns a million for points that a fisheye does not have
 
 #: Maps of ``cv2.remap``.
 Maps = tuple[Any, Any]
@@ -87,6 +88,28 @@ class CameraModel:
         found, _ = project(rays[:, np.newaxis], np.zeros(3), np.zeros(3), self.matrix,
                            self.distortion if self.distortion.size else np.zeros(4))
         return np.asarray(found, np.float64).reshape(-1, 2)
+
+    def rays(self, width: int, height: int) -> NDArray[np.float64]:
+        """
+        Return the directions of the pixels of the raw image.
+
+        :returns: (h, w, 2) array with x and y for z = 1, in the optical frame of the camera; NaN
+            where the camera model has none.
+        """
+        points = np.stack(np.meshgrid(np.arange(width, dtype=np.float64),
+                                      np.arange(height, dtype=np.float64)), axis=-1)
+        flat = points.reshape(-1, 1, 2)
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-10)
+        if self.is_fisheye:
+            found = cv2.fisheye.undistortPoints(flat, self.matrix, self.distortion)
+            found[np.abs(found).max(axis=2) > _NO_RAY] = np.nan
+        elif self.distortion.size:
+            undistort = getattr(cv2, 'undistortPointsIter', cv2.undistortPoints)
+            found = undistort(flat, self.matrix, self.distortion, R=np.eye(3), P=np.eye(3),
+                              criteria=criteria)
+        else:
+            found = (flat - self.matrix[:2, 2]) / self.matrix.diagonal()[:2]
+        return np.asarray(found, np.float64).reshape(height, width, 2)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,9 @@ from typing import Any, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.color import convert_to
-from opencv_tools.image.compressed import decoded_encoding, parse_format
+from opencv_tools.image.compressed import parse_format
+from opencv_tools.image.compressed_depth import (
+    COMPRESSED_DEPTH, depth_codec, is_compressed_depth)
 from opencv_tools.image.display import Colormap, finite_limits, to_display_image
 from opencv_tools.image.encodings import (
     declared_encoding, DEPTHS, Encoding, find_encoding, generic_encoding)
@@ -175,17 +177,16 @@ class CvBridge:
 
         :param cmprs_img_msg: the message. An encoding in its ``format``, as
             compressed_image_transport writes it (``'16UC1; png compressed '``), is used if it
-            fits the decoded image; otherwise the image is gray, BGR or BGRA.
+            fits the decoded image; otherwise the image is gray, BGR or BGRA. Messages of
+            compressed_depth_image_transport are decoded as well, with PNG and RVL.
         :param desired_encoding: encoding of the array; ``'passthrough'`` for the image as OpenCV
             decodes it.
         :returns: a new array: (h, w) for one channel, (h, w, c) otherwise.
         :raises CvBridgeError: the data cannot be decoded, or the conversion is not supported.
         """
-        image = _codecs().decode_image(cmprs_img_msg.data)
-        if desired_encoding == 'passthrough':
-            return image
-        source = decoded_encoding(image, cmprs_img_msg.format)
-        return convert_to(image, source, desired_encoding)
+        image, source = _codecs().decode_compressed(cmprs_img_msg.data, cmprs_img_msg.format)
+        return image if desired_encoding == 'passthrough' else convert_to(
+            image, source, desired_encoding)
 
     @_raises_bridge_errors
     def cv2_to_compressed_imgmsg(
@@ -198,7 +199,9 @@ class CvBridge:
         :param cvim: (h, w) gray, (h, w, 3) BGR or (h, w, 4) BGRA array.
         :param dst_format: codec, such as ``'jpg'`` or ``'png'``, or the form of
             compressed_image_transport: ``'rgb8; jpeg compressed bgr8'`` for an RGB array that is
-            stored as BGR. It becomes the ``format`` of the message.
+            stored as BGR. It becomes the ``format`` of the message. Depth becomes a message of
+            compressed_depth_image_transport with ``'16UC1; compressedDepth rvl'`` or ``png``;
+            ``32FC1`` in metres is quantised as its defaults do, up to 10 m.
         :param quality: quality of JPEG and WebP, 1 to 100; None for OpenCV's default (95 for
             JPEG).
         :param header: header of the message, which is not copied; None for an empty one.
@@ -207,17 +210,34 @@ class CvBridge:
         :raises CvBridgeError: the codec is unknown, or cannot store the array without a
             conversion.
         """
+        if is_compressed_depth(dst_format):
+            return _depth_message(cvim, dst_format, header)
         target = parse_format(dst_format)
         declared = _declared(cvim, target.original or 'passthrough')
         image = np.ascontiguousarray(cvim, declared.dtype)
         if target.stored:
             image = convert_to(image, declared, target.stored)
         content = _codecs().encode_image(image, f'.{target.codec}', quality)
-        message = CompressedImage(format=dst_format)
-        if header is not None:
-            message.header = header
-        message.data.frombytes(content)
-        return message
+        return _compressed_message(content, dst_format, header)
+
+
+def _depth_message(cvim: NDArray[Any], dst_format: str, header: Header | None) -> CompressedImage:
+    """Compress an image of depth."""
+    name = dst_format.partition(';')[0].strip()
+    declared = _declared(cvim, name if name != COMPRESSED_DEPTH else 'passthrough')
+    content, format_text = _codecs().encode_depth(
+        np.ascontiguousarray(cvim, declared.dtype), declared.name, depth_codec(dst_format))
+    return _compressed_message(content, format_text, header)
+
+
+def _compressed_message(
+    content: bytes, format_text: str, header: Header | None,
+) -> CompressedImage:
+    message = CompressedImage(format=format_text)
+    if header is not None:
+        message.header = header
+    message.data.frombytes(content)
+    return message
 
 
 @_raises_bridge_errors

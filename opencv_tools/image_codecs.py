@@ -26,7 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.image.color import convert
-from opencv_tools.image.encodings import Encoding, generic_encoding
+from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.compressed_depth import (
+    depth_encoding, depth_size, is_compressed_depth, Quantisation, read_depth, write_depth)
+from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.jpeg import (
@@ -52,6 +55,7 @@ _ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180,
               270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 _BGR_CHANNELS = 3
+_MAX_DEPTH_PIXELS = 2**25
 _MAX_NAME = 80  # characters of an unknown format in an error message
 _FILL_GRAY = 128  # of libjpeg, in all channels
 
@@ -158,6 +162,53 @@ def decode_image(
     if extended is not image and (extended is None or not np.array_equal(image, extended)):
         raise CodecError(f'{described} of a JPEG picture whose end is missing')
     return image
+
+
+def compressed_size(content: bytes, format_text: str) -> tuple[int, int]:
+    """
+    Return width and height of a compressed image, without decoding it.
+
+    :param format_text: format string of the message.
+    :raises CodecError: the content has no size.
+    """
+    return (depth_size(content, format_text) if is_compressed_depth(format_text) else
+            image_size(content))
+
+
+def decode_compressed(
+    data: Any, format_text: str, max_pixels: int = MAX_PIXELS,
+) -> tuple[NDArray[Any], Encoding]:
+    """
+    Decode a compressed image, also one of depth.
+
+    :param data: buffer with the content.
+    :param format_text: format string of the message.
+    :param max_pixels: as for ``decode_image``.
+    :returns: a new array as of ``decode_image``, and its encoding. Floats that were quantised are
+        float32 in metres, with NaN for no depth.
+    :raises CodecError: the content is not an image, is incomplete, or has too many pixels.
+    """
+    if not is_compressed_depth(format_text):
+        image = decode_image(data, max_pixels=max_pixels)
+        return image, decoded_encoding(image, format_text)
+    image, quantisation = decode_depth(bytes(data), format_text, max_pixels)
+    return (quantisation.depth_of(image) if quantisation else image,
+            find_encoding(depth_encoding(format_text)))
+
+
+def decode_depth(
+    content: bytes, format_text: str, max_pixels: int = _MAX_DEPTH_PIXELS,
+) -> tuple[NDArray[np.uint16], Quantisation | None]:
+    """Decode an image of depth, see ``opencv_tools.image.compressed_depth.read_depth``."""
+    return read_depth(content, format_text, min(max_pixels, _MAX_DEPTH_PIXELS), decode_image)
+
+
+def encode_depth(
+    image: NDArray[Any], encoding: str, codec: str, quantisation: Quantisation | None = None,
+) -> tuple[bytes, str]:
+    """Encode an image of depth, see ``opencv_tools.image.compressed_depth.write_depth``."""
+    return write_depth(image, encoding, codec, lambda stored: encode_image(
+        stored, '.png').tobytes(), quantisation)
 
 
 def check_complete(jpeg: bytes) -> int:

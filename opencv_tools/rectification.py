@@ -44,6 +44,8 @@ class Rectifier:
         self._lock = Lock()
         self._key: tuple[object, ...] = ()
         self._maps: Maps | None = None
+        self._rays_key: tuple[object, ...] = ()
+        self._rays = np.empty((0, 0, 2), np.float32)
 
     def rectify(
         self, image: NDArray[Any], encoding: Encoding, camera_info: Any, lend: Lend | None = None,
@@ -82,6 +84,21 @@ class Rectifier:
         except cv2.error as err:
             raise RectificationError(f'OpenCV cannot rectify a {width}x{height} {encoding.name} '
                                      f'image: {err.err}') from err
+
+    def rays(self, camera_info: Any, width: int, height: int) -> NDArray[np.float32]:
+        """
+        Return the directions of the pixels of raw images, computed once for each calibration.
+
+        :returns: (h, w, 2) array, see `CameraModel.rays`.
+        :raises RectificationError: the calibration cannot be used, or is not that of such images.
+        """
+        key = (width, height, *_content(camera_info))
+        with self._lock:
+            if key != self._rays_key:
+                camera = read_camera_model(camera_info, width, height)
+                self._rays = camera.rays(width, height).astype(np.float32)
+                self._rays_key = key
+            return self._rays
 
     def _find_maps(
         self, info: Any, width: int, height: int, is_nearest: bool,

@@ -27,14 +27,15 @@ from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
 from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.compressed_depth import is_compressed_depth
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import JpegError, SizeError
-from opencv_tools.image.image_size import image_size
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
 from opencv_tools.image.picture_formats import why_not_compressed
 from opencv_tools.image_codecs import (
-    check_complete, convert_image, decode_image, encode_compressed, turn_image)
+    check_complete, compressed_size, convert_image, decode_compressed, decode_image,
+    encode_compressed, turn_image)
 from opencv_tools.video.packet import VideoPacket
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
@@ -83,7 +84,7 @@ class OutputImage:
             width, height = packet.width, packet.height
         else:
             content = self.frame.image.tobytes()
-            width, height = image_size(content)
+            width, height = compressed_size(content, self._format)
             if content.startswith(JPEG_SOI):
                 check_complete(content)
         return (height, width) if self.settings.rotate % 180 else (width, height)
@@ -152,7 +153,9 @@ class OutputImage:
         image = self.frame.image
         flip, degrees = self.settings.flip, self.settings.rotate
         is_turned = flip != 'none' or degrees
-        if self.frame.encoding == JPEG:
+        if self.frame.encoding == JPEG and is_compressed_depth(self._format):
+            image, encoding = decode_compressed(image, self._format)
+        elif self.frame.encoding == JPEG:
             is_final = not is_turned and self.settings.encoding in ('', _DECODED.name)
             image = decode_image(image, lend=None if not is_final else (
                 lambda height, width: self.lend(height, width, _DECODED)))

@@ -96,7 +96,7 @@ def open_source(
     Open a source.
 
     :param text: device number, device path, video file, bag, image file, folder, glob pattern of
-        image files or of bags, stream URL, or ``pattern[:WIDTHxHEIGHT[@FPS]]``.
+        image files or of bags, stream URL, or ``pattern[:depth][:WIDTHxHEIGHT[@FPS]]``.
     :param timeout: timeout in seconds for opening a stream and for reading from it.
     :param bag_topic: topic of the images of a bag; '' for the only one.
     :returns: the open source; ``live`` is True for a camera or stream.

@@ -69,7 +69,8 @@ exit status:
 """)
     parser.add_argument(
         'source', metavar='SOURCE', help='bag (.mcap, .db3 or folder of rosbag2), video file, '
-        'image file, folder or glob of images, stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]')
+        'image file, folder or glob of images, stream URL, or '
+        'pattern[:depth][:WIDTHxHEIGHT[@FPS]]')
     parser.add_argument(
         'target', metavar='TARGET', help='template of the file names, such as out/{seq:06d}.png, '
         'with {seq}, {stamp}, {sec}, {nanosec}, {frame_id}, {encoding} or {topic}; the extension '

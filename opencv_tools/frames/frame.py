@@ -20,14 +20,15 @@ from functools import cached_property
 from typing import Any
 
 from builtin_interfaces.msg import Time
+import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import enumerated
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireMessage
-from opencv_tools.image.compressed import decoded_encoding
+from opencv_tools.image.compressed_depth import DEPTH_ENCODINGS
 from opencv_tools.image.encodings import encodings_between, find_encoding
 from opencv_tools.image.errors import ImageError, RectificationError, SizeError
-from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
-from opencv_tools.image_codecs import convert_image
+from opencv_tools.image_codecs import convert_image, decode_compressed
 from opencv_tools.rectification import Rectifier
 from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Header
@@ -69,9 +70,8 @@ class Frame:
         #: Encoding of ``raw``.
         self.raw_encoding: str
         if isinstance(message, WireCompressedImage):
-            check_size(*image_size(bytes(message.data)), MAX_PIXELS)
-            self._raw = _BRIDGE.compressed_imgmsg_to_cv2(message)
-            self.raw_encoding = decoded_encoding(self._raw, message.format).name
+            self._raw, encoding = decode_compressed(message.data, message.format)
+            self.raw_encoding = encoding.name
         else:
             if not message.width or not message.height:
                 raise SizeError(f'the image has {message.width}x{message.height} pixels')
@@ -112,13 +112,40 @@ class Frame:
         :raises RectificationError: the frame has no camera_info, or it has no calibration of this
             image.
         """
-        if self.camera_info is None:
-            raise RectificationError('a frame without camera_info cannot be rectified: give '
-                                     'camera_info=True to receive_frames')
         rectified, _ = (self._rectifier or Rectifier()).rectify(
-            self.image, find_encoding(self._target), self.camera_info)
+            self.image, find_encoding(self._target), self._info('be rectified'))
         rectified.flags.writeable = False
         return rectified
+
+    def points(self) -> NDArray[np.float32]:
+        """
+        Return the points in space that an image of depth shows.
+
+        The encoding of the message is ``16UC1`` or ``mono16`` in millimetres, with 0 for no depth,
+        or ``32FC1`` in metres, as REP 118 has it. The lens distortion of the camera_info is taken
+        off.
+
+        :returns: (h, w, 3) array in metres, in the optical frame of the camera: x to the right, y
+            down and z forward; NaN where there is no depth.
+        :raises RectificationError: the image is not one of depth, or the camera_info is missing or
+            not that of this image.
+        """
+        if self.raw_encoding not in DEPTH_ENCODINGS:
+            raise RectificationError(f'an image of {self.raw_encoding} has no depth: '
+                                     f'{enumerated(DEPTH_ENCODINGS)} have')
+        rays = (self._rectifier or Rectifier()).rays(
+            self._info('have points'), self._raw.shape[1], self._raw.shape[0])
+        depth = self._raw.astype(np.float32)
+        if self.raw_encoding != '32FC1':
+            depth *= np.float32(0.001)
+        depth[~((depth > 0) & np.isfinite(depth))] = np.nan
+        return np.dstack((rays * depth[..., np.newaxis], depth))
+
+    def _info(self, use: str) -> CameraInfo:
+        if self.camera_info is None:
+            raise RectificationError(f'a frame without camera_info cannot {use}: give '
+                                     'camera_info=True to receive_frames')
+        return self.camera_info
 
     def to(self, encoding: str) -> NDArray[Any]:
         """

@@ -26,9 +26,10 @@ from opencv_tools.bags.writing import BagChannel
 from opencv_tools.base.logs import Log, Throttle
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage, WireMessage
-from opencv_tools.image.errors import SizeError
-from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
+from opencv_tools.image.errors import CodecError, SizeError
+from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.topic_names import camera_info_topic, image_topic
+from opencv_tools.image_codecs import compressed_size
 from opencv_tools.recording.bag_sink import MessageFrame, RecordedMessage
 from opencv_tools.recording.frames import (
     ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)
@@ -87,7 +88,7 @@ class FrameConverter:
         header = message.header
         stamp_ns = header.stamp_ns
         if isinstance(message, WireCompressedImage):
-            self._check_size(*_declared_size(message.data))
+            self._check_size(*_declared_size(message))
             return CompressedFrame(
                 metadata=FrameMetadata(stamp_ns, header.frame_id, message.format, topic),
                 receive_ns=receive_ns, arrival_ns=arrival_ns, data=message.data,
@@ -109,11 +110,11 @@ class FrameConverter:
             raise SizeError(f'{err}; raise the parameter max_pixels to receive it') from err
 
 
-def _declared_size(data: Any) -> tuple[int, int]:
+def _declared_size(message: WireCompressedImage) -> tuple[int, int]:
     """Read the size of a compressed image; 0 by 0 if it has none and will not be decoded."""
     try:
-        return image_size(bytes(data))
-    except SizeError:
+        return compressed_size(bytes(message.data), message.format)
+    except CodecError:
         return 0, 0
 
 

@@ -23,10 +23,9 @@ from typing import Any, ClassVar
 
 from numpy.typing import NDArray
 from opencv_tools.base.units import NANO
-from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.errors import KeyFrameNeeded
 from opencv_tools.image.image_size import MAX_PIXELS
-from opencv_tools.image_codecs import decode_image
+from opencv_tools.image_codecs import decode_compressed
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.video.messages import WireVideo
 from opencv_tools.video.packet import VideoPacket
@@ -102,8 +101,7 @@ class CompressedFrame(ReceivedFrame):
 
         :raises ImageError: the data cannot be decoded.
         """
-        image = decode_image(self.data, max_pixels=self.max_pixels)
-        encoding = decoded_encoding(image, self.metadata.encoding)
+        image, encoding = decode_compressed(self.data, self.metadata.encoding, self.max_pixels)
         return RawFrame(metadata=replace(self.metadata, encoding=encoding.name), image=image,
                         receive_ns=self.receive_ns, arrival_ns=self.arrival_ns)
 

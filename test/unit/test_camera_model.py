@@ -17,8 +17,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import cv2
 import numpy as np
-from opencv_tools.camera_model import raw_view
+from opencv_tools.camera_model import raw_view, read_camera_model
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.rectification import Rectifier
@@ -65,6 +66,21 @@ def test_border_surrounds_what_is_rectified() -> None:
     rectified, _ = Rectifier().rectify(image, find_encoding('mono8'), info)
     other, _ = Rectifier().rectify(np.full_like(image, 255), find_encoding('mono8'), info)
     assert np.array_equal(rectified, other) and top < 240
+
+
+@pytest.mark.parametrize(('part', 'size'), PARTS)
+@pytest.mark.parametrize(('model', 'd'), DISTORTIONS)
+def test_rays_are_projected_to_their_pixels(
+        model: str, d: tuple[float, ...], part: dict[str, Any], size: tuple[int, int]) -> None:
+    camera = read_camera_model(make_info(model, d, **part), *size)
+    rays = camera.rays(*size)
+    directions = np.dstack((rays, np.ones(rays.shape[:2]))).reshape(-1, 1, 3)
+    project = cv2.fisheye.projectPoints if camera.is_fisheye else cv2.projectPoints
+    pixels, _ = project(directions, np.zeros(3), np.zeros(3), camera.matrix,
+                        camera.distortion if camera.distortion.size else np.zeros(4))
+    columns, rows = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    expected = np.stack((columns, rows), axis=2)
+    assert np.abs(pixels.reshape(size[1], size[0], 2) - expected).max() < 1e-3
 
 
 @pytest.mark.parametrize(('fields', 'reason'), [

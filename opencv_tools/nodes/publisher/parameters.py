@@ -50,7 +50,7 @@ class PublisherSettings(NodeSettings):
 
     source: str = parameter(
         '0', 'Device number, device path, video file, bag, image file, folder or glob of images, '
-        'stream URL, or pattern[:WIDTHxHEIGHT[@FPS]]', check=check_source, ends=True,
+        'stream URL, or pattern[:depth][:WIDTHxHEIGHT[@FPS]]', check=check_source, ends=True,
         other_names=('video_device', 'device', 'device_id', 'filename', 'file', 'index', 'url',
                      'uri', 'gscam_config'))
     bag_topic: str = parameter(

@@ -27,6 +27,7 @@ from opencv_tools.base.text import printable
 from opencv_tools.cv_bridge import CvBridgeError, cvtColorForDisplay
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.image.compressed import parse_format
+from opencv_tools.image.compressed_depth import COMPRESSED_DEPTH, is_compressed_depth
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import CodecError, ImageError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
@@ -37,7 +38,6 @@ from opencv_tools.image.picture_formats import MAX_SIDES
 from opencv_tools.image_codecs import check_complete, convert_image
 from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.region import Region, region_within
-from opencv_tools.viewer.streams.compressed_depth import COMPRESSED_DEPTH, is_compressed_depth
 from opencv_tools.viewer.streams.depth_colors import (
     color_numbers, is_number, measure_image, NO_LIMITS, Steady, UNITS)
 from opencv_tools.viewer.streams.pixels import Pixels, read_pixels

@@ -24,12 +24,12 @@ from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireDisparity, WireImage, WireMessage
 from opencv_tools.image.compressed import decoded_encoding, lossy_codec
+from opencv_tools.image.compressed_depth import (
+    depth_encoding, is_compressed_depth, Quantisation)
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
 from opencv_tools.image.orientation import jpeg_orientation, turn_upright
-from opencv_tools.image_codecs import decode_image
-from opencv_tools.viewer.streams.compressed_depth import (
-    decode_compressed_depth, is_compressed_depth, Quantisation)
+from opencv_tools.image_codecs import decode_depth, decode_image
 
 _BRIDGE = CvBridge()
 #: Encoding of the numbers of a disparity image: as 32FC1, but in pixels, with NaN for none.
@@ -81,8 +81,8 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
         return Pixels(image, encoding)
     content = bytes(message.data)
     if is_compressed_depth(message.format):
-        image, quantisation = decode_compressed_depth(content, message.format)
-        return Pixels(image, find_encoding('32FC1' if quantisation else '16UC1'),
+        image, quantisation = decode_depth(content, message.format)
+        return Pixels(image, find_encoding(depth_encoding(message.format)),
                       quantisation=quantisation)
     check_size(*image_size(content), MAX_PIXELS)
     image = decode_image(content)

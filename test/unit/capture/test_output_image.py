@@ -17,7 +17,7 @@ from __future__ import annotations
 import cv2
 from images import draw_pattern
 import numpy as np
-from opencv_tools.capture.frame import CapturedFrame, JPEG
+from opencv_tools.capture.frame import CapturedFrame, JPEG, Recorded
 from opencv_tools.capture.output_image import describe_reduction, OutputImage
 from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.frames.frame import Frame
@@ -25,6 +25,7 @@ from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_image
+from opencv_tools.image_codecs import encode_depth
 from opencv_tools.image.orientation import FLIPS, orient
 import pytest
 
@@ -259,3 +260,16 @@ def test_output_forms_are_computed_on_demand_and_once(monkeypatch: pytest.Monkey
     ('rgba8', 'bgra8', ''), ('bgr8', 'mono16', ''), (JPEG, 'mono8', '')])
 def test_reduction_by_the_encoding(captured: str, requested: str, reduction: str) -> None:
     assert describe_reduction(captured, requested) == reduction
+
+
+@pytest.mark.parametrize('codec', ['png', 'rvl'])
+def test_depth_of_a_bag_is_decoded(codec: str) -> None:
+    depth = NUMBERS.view(np.uint16)[:23, :37, 0].copy()
+    content, format_text = encode_depth(depth, '16UC1', codec)
+    message = WireCompressedImage(header=NO_HEADER, format=format_text, data=content)
+    frame = CapturedFrame(np.frombuffer(content, np.uint8), JPEG,
+                          recorded=Recorded(message=message, topic='/depth', log_ns=1))
+    output = OutputImage(frame, CaptureSettings())
+    assert output.size == (37, 23)
+    assert output.compressed == (frame.image, format_text)
+    assert np.array_equal(output.image, depth) and output.encoding == '16UC1'

@@ -26,16 +26,19 @@ import pytest
     ('pattern', PatternSpec(640, 480, 30.0)),
     ('pattern:320x240', PatternSpec(320, 240, 30.0)),
     ('pattern:1x1@12.5', PatternSpec(1, 1, 12.5)),
+    ('pattern:depth', PatternSpec(640, 480, 30.0, is_depth=True)),
+    ('pattern:depth:37x23@7.5', PatternSpec(37, 23, 7.5, is_depth=True)),
 ])
 def test_pattern_is_parsed(text: str, spec: PatternSpec) -> None:
     assert parse_pattern(text) == spec
 
 
+@pytest.mark.parametrize('is_depth', [False, True])
 @pytest.mark.parametrize(('width', 'height'), [(640, 480), (1, 1), (3, 200), (200, 3), (1921, 7)])
-def test_frames_of_any_size_repeat_exactly(width: int, height: int) -> None:
-    source = PatternSource(PatternSpec(width, height))
+def test_frames_of_any_size_repeat_exactly(width: int, height: int, is_depth: bool) -> None:
+    source = PatternSource(PatternSpec(width, height, is_depth=is_depth))
     first, second = source.read().image, source.read().image
-    assert first.shape == second.shape == (height, width, 3)
+    assert first.shape == second.shape == (height, width, 3)[:2 if is_depth else 3]
     source.rewind()
     assert source.skip()
     assert np.array_equal(source.read().image, second)
@@ -61,3 +64,15 @@ def test_pattern_shows_its_number() -> None:
     images = {draw_pattern(number, 640, 480)[160:320, 200:440].tobytes()
               for number in range(0, 640, 64)}
     assert len(images) == 10  # the moving line has the same position, so only the digits differ
+
+
+def test_depth_comes_nearer_beside_a_hole() -> None:
+    source = PatternSource(PatternSpec(320, 240, is_depth=True))
+    frames = [source.read() for _ in range(65)]
+    first, later, last = (frames[number].image for number in (0, 63, 64))
+    assert frames[0].encoding == '16UC1' and first.dtype == np.uint16
+    assert first[-1, 0] == 1500 and first[-1, -1] == 4000
+    assert np.array_equal(first[-1] - later[-1], np.full(320, 63 * 16))
+    assert np.count_nonzero(first == 0) == 40 * 30 and (first[30:60, :40] == 0).all()
+    assert np.array_equal(first[-1], last[-1])
+    assert not np.array_equal(first, last)  # the numbers differ

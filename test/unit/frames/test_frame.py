@@ -131,3 +131,31 @@ def test_rectified_without_a_calibration() -> None:
     frame = Frame(image_message('bgr8', 6, 10), camera_info=CameraInfo(width=10, height=6))
     with pytest.raises(ValueError, match='has no calibration, because its K is zero'):
         _ = frame.rectified
+
+
+@pytest.mark.parametrize(('encoding', 'factor'), [('16UC1', 1000), ('mono16', 1000), ('32FC1', 1)])
+def test_points_of_depth(encoding: str, factor: int) -> None:
+    depth = np.random.default_rng(3).uniform(0.4, 8, (6, 10))
+    image = (depth * factor).astype(find_encoding(encoding).dtype)
+    image[2, 3:5] = 0
+    if factor == 1:
+        image[4, 4:7] = np.nan, np.inf, -1
+    frame = Frame(array_to_wire(image, find_encoding(encoding)),
+                  camera_info=straight_camera(10, 6))
+    points = frame.points()
+    assert points.shape == (6, 10, 3) and points.dtype == np.float32
+    has_depth = np.isfinite(image) & (image > 0)
+    assert np.array_equal(np.isfinite(points).all(axis=2), has_depth)
+    assert np.isnan(points[~has_depth]).all()
+    rows, columns = np.mgrid[:6, :10]
+    z = image / factor
+    expected = np.stack(((columns - 3) / 10 * z, (rows - 3) / 10 * z, z), axis=2)
+    assert np.allclose(points[has_depth], expected[has_depth], rtol=1e-5)
+
+
+def test_points_of_other_images() -> None:
+    frame = Frame(image_message('bgr8', 6, 10), camera_info=straight_camera(10, 6))
+    with pytest.raises(RectificationError, match='an image of bgr8 has no depth: 16UC1, mono16'):
+        frame.points()
+    with pytest.raises(RectificationError, match='without camera_info cannot have points: give '):
+        Frame(image_message('16UC1', 6, 10)).points()

@@ -22,10 +22,9 @@ import tracemalloc
 import numpy as np
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
 from opencv_tools.image.errors import CodecError, ImageError
-from opencv_tools.image_codecs import encode_image
+from opencv_tools.image_codecs import decode_depth, encode_image
 from opencv_tools.viewer.inspect.looks import describe_pixel, histogram, line_profile
 from opencv_tools.viewer.region import Region
-from opencv_tools.viewer.streams.compressed_depth import decode_compressed_depth
 from opencv_tools.viewer.streams.encoding import encode_picture, PictureOptions
 from opencv_tools.viewer.streams.pixels import read_pixels
 import pytest
@@ -70,13 +69,13 @@ def test_quantised_metres() -> None:
     struct.pack('<iff', 0, 1, 1) + encode_image(np.zeros((4, 4), np.uint8), '.jpg').tobytes()])
 def test_broken_content_is_refused(content: bytes) -> None:
     with pytest.raises((CodecError, ImageError)):
-        decode_compressed_depth(content, METRES)
+        decode_depth(content, METRES)
 
 
 @pytest.mark.parametrize(('numerator', 'offset'), [
     (np.nan, 0), (0, np.nan), (np.inf, 5), (3e38, -3e38), (0, 0)])
 def test_odd_quantisation_gives_no_infinite_depth(numerator: float, offset: float) -> None:
-    image, quantisation = decode_compressed_depth(
+    image, quantisation = decode_depth(
         content_of(np.arange(16, dtype=np.uint16).reshape(4, 4), numerator, offset), METRES)
     assert quantisation and not np.isinf(quantisation.depth_of(image)).any()
 
@@ -126,4 +125,4 @@ def test_large_image_needs_little_more_memory_than_its_numbers(
 def test_image_with_too_many_pixels_is_refused() -> None:
     large = encode_image(np.full((5800, 5800), 500, np.uint16), '.png').tobytes()
     with pytest.raises(ImageError, match='5800x5800 pixels are more than max_pixels=33554432'):
-        decode_compressed_depth(bytes(12) + large, METRES)
+        decode_depth(bytes(12) + large, METRES)
