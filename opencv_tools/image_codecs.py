@@ -28,7 +28,7 @@ from opencv_tools.base.text import printable
 from opencv_tools.image.color import convert
 from opencv_tools.image.compressed import decoded_encoding
 from opencv_tools.image.compressed_depth import (
-    depth_encoding, depth_size, is_compressed_depth, Quantisation, read_depth, write_depth)
+    depth_encoding, is_compressed_depth, Quantisation, read_depth, write_depth)
 from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
 from opencv_tools.image.errors import CodecError, JpegError
 from opencv_tools.image.image_size import check_size, image_size, MAX_PIXELS
@@ -164,25 +164,12 @@ def decode_image(
     return image
 
 
-def compressed_size(content: bytes, format_text: str) -> tuple[int, int]:
-    """
-    Return width and height of a compressed image, without decoding it.
-
-    :param format_text: format string of the message.
-    :raises CodecError: the content has no size.
-    """
-    return (depth_size(content, format_text) if is_compressed_depth(format_text) else
-            image_size(content))
-
-
 def decode_compressed(
     data: Any, format_text: str, max_pixels: int = MAX_PIXELS,
 ) -> tuple[NDArray[Any], Encoding]:
     """
     Decode a compressed image, also one of depth.
 
-    :param data: buffer with the content.
-    :param format_text: format string of the message.
     :param max_pixels: as for ``decode_image``.
     :returns: a new array as of ``decode_image``, and its encoding. Floats that were quantised are
         float32 in metres, with NaN for no depth.

@@ -27,14 +27,14 @@ from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
 from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.compressed_depth import is_compressed_depth
+from opencv_tools.image.compressed_depth import compressed_size, is_compressed_depth
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import JpegError, SizeError
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
 from opencv_tools.image.picture_formats import why_not_compressed
 from opencv_tools.image_codecs import (
-    check_complete, compressed_size, convert_image, decode_compressed, decode_image,
+    check_complete, convert_image, decode_compressed, decode_image,
     encode_compressed, turn_image)
 from opencv_tools.video.packet import VideoPacket
 

@@ -55,7 +55,8 @@ class CaptureSettings(CameraRequest):
     publish_rate: float = rate_parameter(
         0.0, 'Frame rate of the published images in Hz; 0 for the rate of the source', MAX_RATE,
         changeable=True)
-    flip: str = parameter('none', 'Mirroring of the images', choices=tuple(FLIPS), changeable=True,
+    flip: str = parameter(
+        'none', 'Mirroring of the images', choices=tuple(FLIPS), changeable=True,
         other_names=('flip_horizontal', 'flip_vertical'))
     rotate: int = parameter(
         0, 'Clockwise rotation of the images in degrees, applied after flip', choices=ROTATIONS,

@@ -38,7 +38,43 @@ _UNCHANGED = ('', 'passthrough')
 _BRIDGE = CvBridge()
 
 
-class Frame:
+class Headed:
+    """A message whose header can be read."""
+
+    _message: WireMessage
+
+    @property
+    def stamp(self) -> Time:
+        """Stamp of the image."""
+        return Time(sec=self._message.header.sec, nanosec=self._message.header.nanosec)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the image in nanoseconds."""
+        return self._message.header.stamp_ns
+
+    @property
+    def frame_id(self) -> str:
+        """Coordinate frame of the camera."""
+        return self._message.header.frame_id
+
+    @property
+    def wire_header(self) -> WireHeader:
+        """Stamp and coordinate frame as plain values."""
+        return self._message.header
+
+    @property
+    def header(self) -> Header:
+        """Stamp and coordinate frame as a message."""
+        return Header(stamp=self.stamp, frame_id=self.frame_id)
+
+    @property
+    def description(self) -> str:
+        """Size and encoding as text, such as ``640x480 bgr8``."""
+        return self._message.description
+
+
+class Frame(Headed):
     """
     A received image. All arrays are read-only; draw on ``frame.image.copy()``.
 
@@ -164,36 +200,6 @@ class Frame:
             raise CvBridgeError(str(err)) from err
         converted.flags.writeable = False
         return converted
-
-    @property
-    def stamp(self) -> Time:
-        """Stamp of the image."""
-        return Time(sec=self._message.header.sec, nanosec=self._message.header.nanosec)
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the image in nanoseconds."""
-        return self._message.header.stamp_ns
-
-    @property
-    def frame_id(self) -> str:
-        """Coordinate frame of the camera."""
-        return self._message.header.frame_id
-
-    @property
-    def wire_header(self) -> WireHeader:
-        """Stamp and coordinate frame as plain values."""
-        return self._message.header
-
-    @property
-    def header(self) -> Header:
-        """Stamp and coordinate frame as a message."""
-        return Header(stamp=self.stamp, frame_id=self.frame_id)
-
-    @property
-    def description(self) -> str:
-        """Size and encoding as text, such as ``640x480 bgr8``."""
-        return self._message.description
 
 
 def check_target(encoding: str) -> None:

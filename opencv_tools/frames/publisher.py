@@ -99,7 +99,7 @@ class FramePublisher:
 
     @property
     def without_subscribers(self) -> int:
-        """Number of images that were not sent, because nobody had subscribed."""
+        """Return the number of images that were not sent, because nobody had subscribed."""
         return self._unsent
 
     def publish(

@@ -105,7 +105,6 @@ def depth_size(content: bytes, format_text: str) -> tuple[int, int]:
     """
     Return width and height of an image of depth, without decoding it.
 
-    :param format_text: format string of the message.
     :raises SizeError: the content has no size.
     :raises CodecError: the codec is unknown.
     """
@@ -115,6 +114,16 @@ def depth_size(content: bytes, format_text: str) -> tuple[int, int]:
     return width, height
 
 
+def compressed_size(content: bytes, format_text: str) -> tuple[int, int]:
+    """
+    Return width and height of any compressed image, without decoding it.
+
+    :raises CodecError: the content has no size.
+    """
+    return (depth_size(content, format_text) if is_compressed_depth(format_text) else
+            image_size(content))
+
+
 def read_depth(
     content: bytes, format_text: str, max_pixels: int,
     decode_png: Callable[[bytes], NDArray[Any]],
@@ -122,7 +131,6 @@ def read_depth(
     """
     Decode an image of depth.
 
-    :param format_text: format string of the message.
     :param max_pixels: largest allowed number of pixels; it is checked before decoding.
     :param decode_png: decodes a PNG, see ``opencv_tools.image_codecs.decode_image``.
     :returns: (h, w) array, and how it stores floats; None for the numbers of the image, which are

@@ -64,7 +64,7 @@ class Encoding:
 
     @property
     def type_name(self) -> str:
-        """OpenCV type of a pixel, such as ``8UC3``."""
+        """Return the type of a pixel in OpenCV, such as ``8UC3``."""
         return f'{_DEPTH_OF_DTYPE[self.dtype]}C{self.channels}'
 
     @property

@@ -26,10 +26,10 @@ from opencv_tools.bags.writing import BagChannel
 from opencv_tools.base.logs import Log, Throttle
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage, WireMessage
+from opencv_tools.image.compressed_depth import compressed_size
 from opencv_tools.image.errors import CodecError, SizeError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.image.topic_names import camera_info_topic, image_topic
-from opencv_tools.image_codecs import compressed_size
 from opencv_tools.recording.bag_sink import MessageFrame, RecordedMessage
 from opencv_tools.recording.frames import (
     ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)

@@ -24,9 +24,9 @@ import time
 from typing import Any
 
 import numpy as np
-from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.viewer.calibrate.camera_info import camera_info_of, check_raw, set_camera_info
 from opencv_tools.viewer.calibrate.live import LiveCalibration, Show

@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
 
-from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import CdrError
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.overlays.boxes import (

@@ -25,8 +25,8 @@ from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_image
-from opencv_tools.image_codecs import encode_depth
 from opencv_tools.image.orientation import FLIPS, orient
+from opencv_tools.image_codecs import encode_depth
 import pytest
 
 PICTURE = draw_pattern(12, 64, 48)

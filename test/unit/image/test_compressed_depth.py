@@ -22,10 +22,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.compressed_depth import DEPTH_CODECS, Quantisation
+from opencv_tools.image.compressed_depth import compressed_size, DEPTH_CODECS, Quantisation
 from opencv_tools.image.errors import CodecError, SizeError
 from opencv_tools.image_codecs import (
-    compressed_size, decode_compressed, decode_depth, encode_depth)
+    decode_compressed, decode_depth, encode_depth)
 import pytest
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header

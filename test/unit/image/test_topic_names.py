@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.image.topic_names import camera_info_topic, image_topic, IMAGE_SUFFIXES
+from opencv_tools.image.topic_names import camera_info_topic, IMAGE_SUFFIXES, image_topic
 from opencv_tools.video.messages import VIDEO_TOPICS
 import pytest
 

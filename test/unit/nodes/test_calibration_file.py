@@ -281,7 +281,7 @@ def test_file_of_cameracalibrator(file: Path, distortion: str, model: str) -> No
 
 
 @pytest.mark.parametrize(('old', 'new', 'reason'), [
-    ('640', 'wide', "image_width is missing: give a whole number"),
+    ('640', 'wide', 'image_width is missing: give a whole number'),
     ('640', '0', 'image_width is .0.: give'), ('height\n480', '', 'image_height is missing'),
     ('588.41903 0.0 309', '309', 'projection_matrix.data is'), ('0.08712', 'x', 'distortion_coef'),
     ('camera matrix', 'camera', 'camera_matrix.data is')])
