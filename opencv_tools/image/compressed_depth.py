@@ -163,7 +163,6 @@ def write_depth(
     :param image: (h, w) array in native byte order, of float32 for ``32FC1``, else of uint16.
     :param encoding: one of ``DEPTH_ENCODINGS``.
     :param codec: one of ``DEPTH_CODECS``.
-    :param encode_png: encodes a PNG.
     :param quantisation: of floats; None for that of compressed_depth_image_transport.
     :returns: content and format string of the message.
     :raises CodecError: the encoding or codec is another one, or the image is empty.
