@@ -98,9 +98,15 @@ def read_file_names(path: Path) -> list[str]:
 
 def is_bag(path: Path) -> bool:
     """Return whether a path is that of a bag: a file by its extension, or a folder of rosbag2."""
-    if path.suffix.lower() in (*BAG_SUFFIXES, _ROS1_SUFFIX):
+    if path.suffix.lower() in (*BAG_SUFFIXES, _ROS1_SUFFIX) or _is_packed(path):
         return not path.is_dir()
     return (path / _METADATA).is_file()
+
+
+def _is_packed(path: Path) -> bool:
+    """Return whether a path is that of a bag that rosbag2 has packed as a file."""
+    return path.suffix.lower() in ('.zstd', '.zst') and Path(path.stem).suffix.lower() in (
+        BAG_SUFFIXES)
 
 
 @dataclass(frozen=True)
@@ -130,6 +136,8 @@ def bag_files(path: Path) -> BagFiles:
     if path.suffix.lower() == _ROS1_SUFFIX:
         raise BagError(f"{shown} is a bag of ROS 1; convert it with 'rosbags-convert --src "
                        f"{shown} --dst FOLDER' of rosbags; {installation('rosbags')}")
+    if _is_packed(path):
+        raise BagError(f"{shown} is compressed; unpack it with 'unzstd'")
     if not path.is_dir():
         return BagFiles([path])
     files = [file for file in path.iterdir()

@@ -34,7 +34,8 @@ SECRET_NAMES = ('password', 'passwd', 'passphrase', 'passcode', 'pass', 'pas', '
 _VALUE = re.compile(
     rf'(?is)((?:{"|".join(SECRET_NAMES)})=)(?!\*\*\*(?:\W|$))(?:(?!&[\w.-]+=).)*')
 # Files and packages have no user name.
-_BEGIN = re.compile(r'(?i)(?<!\bfile)(?<!\bpackage)://(?!\*{3}@|@)')
+# A slash may be missing in a misspelt URL.
+_BEGIN = re.compile(r'(?i)(?<!\bfile)(?<!\bpackage)(?:://|(?<=[a-z]):/(?=[^/@]*:[^/]*@))(?!\*{3}@|@)')
 _AT = re.compile(r'(?<!://\*{3})@')
 _FIELDS = re.compile(r'://|[?&]')
 

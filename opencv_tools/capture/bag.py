@@ -218,7 +218,9 @@ def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,
 def _select(bag: str, name: str, counts: Counter[BagTopic]) -> BagTopic:
     """Return the topic with a name, or the only topic of images of a bag."""
     images = [topic for topic in counts if topic.has_images]
-    found = [topic for topic in images if name in ('', topic.name)]
+    # A topic without messages, as record --all leaves it, is no candidate beside others.
+    filled = [topic for topic in images if counts[topic]]
+    found = [topic for topic in images if name == topic.name] if name else filled or images
     if len(found) == 1:
         return found[0]
     if not images:

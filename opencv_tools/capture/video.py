@@ -35,6 +35,8 @@ _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
 _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
           'ftp': 21, 'tcp': 0}
 
+# Schemes that need a host; udp://@:5000 and srt://:9000 listen.
+_WITH_HOST = ('http', 'https', 'rtsp', 'rtsps', 'rtmp', 'rtmps', 'ftp')
 # Timeout of the connection to each address of the server.
 _ANSWER_SECONDS = 2.0
 
@@ -144,11 +146,15 @@ def check_url(url: str) -> None:
     :raises ValueError: they cannot. The message has the characters of the user name and password
         to encode, and no other part of the URL, because each may be a part of the password.
     """
+    remedy = 'write HOST:PORT or [ADDRESS]:PORT, with a port from 0 to 65535'
     try:
-        _ = urlsplit(url).port
-        return
+        parts = urlsplit(url)
+        _ = parts.port
+        host = parts.hostname or ''
+        if (host or parts.scheme.lower() not in _WITH_HOST) and ' ' not in host:
+            return
     except ValueError:  # it quotes a part of the URL
-        remedy = 'write HOST:PORT or [ADDRESS]:PORT, with a port from 0 to 65535'
+        pass
     user, at, _ = url.partition('://')[2].rpartition('@')
     odd = sorted(letter for letter in {*_ENCODED.sub('', user)}
                  if quote(letter, _ALLOWED, errors='replace') != letter)

@@ -28,7 +28,7 @@ from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
-from opencv_tools.image.errors import VideoError
+from opencv_tools.image.errors import EncodingError, VideoError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image.picture_formats import COMPRESSED_FORMATS, why_not_compressed
 from opencv_tools.image_codecs import encode_compressed
@@ -139,6 +139,8 @@ class FramePublisher:
         :raises EncodingError: the encoding is unknown.
         :raises LayoutError: the encoding has no image of this size, or no message has so much.
         """
+        if not isinstance(encoding, str):
+            raise EncodingError(f"encoding is {encoding!r}: give a name, such as 'bgr8'")
         found = find_encoding(encoding)
         return LoanedFrame(
             height, width, found, source=source, lend=self._topics.shared.lend, log=self._log,

@@ -137,7 +137,7 @@ class Parameter:
                 'a number' if number is float else 'a whole number')
             span = f' from {low:.15g} to {high:.15g}' if self.bounds else ''
             raise self._error(value, f'give {noun}{span} ({self.description})')
-        return number(value)
+        return number(value) or number(0)  # which is not negative
 
     def _accept_text(self, value: object) -> str:
         if self.words and isinstance(value, (list, tuple)):

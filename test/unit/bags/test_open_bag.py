@@ -126,6 +126,14 @@ def test_folder_without_readable_files_is_refused(
         bag_files(tmp_path)
 
 
+@pytest.mark.parametrize('name', ['a.db3.zstd', 'a.mcap.zst', 'A.MCAP.ZSTD'])
+def test_packed_bag_is_refused_with_the_remedy(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).touch()
+    assert is_bag(tmp_path / name)
+    with pytest.raises(BagError, match="is compressed; unpack it with 'unzstd'"):
+        bag_files(tmp_path / name)
+
+
 def test_bag_of_ros_1_is_refused_with_the_remedy(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r'a bag of ROS 1; convert it with .rosbags-convert --src'):
         bag_files(tmp_path / 'a.bag')

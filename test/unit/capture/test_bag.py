@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from contextlib import closing
 from pathlib import Path
+import sqlite3
 import sys
 from typing import Any
 
@@ -268,6 +270,20 @@ def test_two_topics_and_none_chosen(tmp_path: Path, suffix: str) -> None:
         '/depth (sensor_msgs/msg/Image, 1 messages)')
     source = open_source(str(folder), bag_topic='/depth')
     assert isinstance(source, BagSource) and numbers(source) == [2]
+
+
+def test_topic_without_messages_is_no_candidate(tmp_path: Path) -> None:
+    path = tmp_path / 'a.db3'
+    write_rosbag2(tmp_path / 'bag', '.db3', [image_entry(1), image_entry(2, topic='/never')])
+    (file,) = (tmp_path / 'bag').glob('*.db3')
+    with closing(sqlite3.connect(file)) as connection, connection:
+        connection.execute("DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE "
+                           "name = '/never')")
+    file.rename(path)
+    source = open_source(str(path))
+    assert isinstance(source, BagSource)
+    assert (source.topic.name, numbers(source)) == (TOPIC, [1])
+    assert open_source(str(path), bag_topic='/never').count == 0
 
 
 def test_many_topics_are_a_number(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from conftest import CLIP, decode_clip
 import numpy as np
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.source import check_source, open_source
-from opencv_tools.capture.video import describe_failure
+from opencv_tools.capture.video import check_url, describe_failure
 from playback import frames_of
 import pytest
 
@@ -97,7 +97,7 @@ def test_unreachable_server_is_named_with_its_default_port(
 
 
 @pytest.mark.parametrize('url', [
-    'udp://239.0.0.1:5000', 'rtp://127.0.0.1:5000', 'http:///x', 'tcp://127.0.0.1'])
+    'udp://239.0.0.1:5000', 'rtp://127.0.0.1:5000', 'tcp://127.0.0.1'])
 def test_urls_without_a_tcp_server_are_not_contacted(
         monkeypatch: pytest.MonkeyPatch, url: str) -> None:
     monkeypatch.setattr(socket, 'create_connection', lambda *_: pytest.fail('called'))
@@ -152,3 +152,15 @@ def test_closed_port_is_a_temporary_failure(bound: socket.socket) -> None:
 def test_server_without_a_video_differs_from_a_closed_port(server: str) -> None:
     with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
         open_source(server)
+
+
+@pytest.mark.parametrize(('url', 'is_valid'), [
+    ('rtsp://', False), ('rtsp:///x', False), ('http://:80/x', False), ('rtsp://a b/x', False),
+    ('rtsp://u:p@/x', False), ('rtsp://h/x', True), ('udp://@:5000', True), ('srt://:9', True),
+    ('http://[::1]:8080/x', True)])
+def test_url_without_a_host(url: str, is_valid: bool) -> None:
+    if is_valid:
+        check_url(url)
+    else:
+        with pytest.raises(ValueError, match='this URL cannot be read: write HOST:PORT'):
+            check_url(url)

@@ -311,6 +311,7 @@ def test_memory_without_room(camera: Camera, monkeypatch: pytest.MonkeyPatch) ->
     ((4.0, 6, 'mono8'), LayoutError, 'height is 4.0'),
     ((4, True, 'mono8'), LayoutError, 'width is True'),
     ((4, 6, 'bgr9'), EncodingError, 'bgr9'),
+    ((4, 6, None), EncodingError, "encoding is None: give a name, such as 'bgr8'"),
     ((5, 6, 'nv12'), LayoutError, 'nv12 has no image of 6x5: give an even width and height'),
     ((65536, 65536, 'mono8'), LayoutError, '4294967296 bytes: a message has at most 4294967295')])
 def test_refused_sizes(

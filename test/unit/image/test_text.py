@@ -68,7 +68,8 @@ def test_text_has_the_requested_length(longest: int) -> None:
 @pytest.mark.parametrize(('url', 'shown'), [
     ('rtsp://me:secret@host:554/a', 'rtsp://***@host:554/a'),
     ('rtsp://:s3@cret@host/a', 'rtsp://***@host/a'),
-    ('rtsp://token@host/a', 'rtsp://***@host/a'),
+    ('rtsp://token@host/a', 'rtsp://***@host/a'), ('rtsp:/me:s3@cret@host/a', 'rtsp:/***@host/a'),
+    ('file:/a:b@c', 'file:/a:b@c'), ('/home/a:/b@c', '/home/a:/b@c'), ('C:/x@y', 'C:/x@y'),
     ('http://host:8080/a@b', 'http://***@b'),  # a password may have a / too
     ('rtsp://:secret', 'rtsp://:secret'), ('udp://@239.0.0.1:1234', 'udp://@239.0.0.1:1234'),
     ('file:///a@b/c', 'file:///a@b/c'), ('package://a/b@c', 'package://a/b@c'),

@@ -204,6 +204,8 @@ def test_rates_are_0_or_at_least_0_1(settings: type) -> None:
                     f'^parameter {found.name} is {value!r}: give (0, or )?a number from 0.1 to ')):
                 found.accept(value)
         assert [found.accept(value) for value in (0.1, 1, 240)] == [0.1, 1.0, 240.0]
+        if found.or_zero:
+            assert str(found.accept(-0.0)) == '0.0'
         assert found.or_zero == (settings is not ViewerSettings)
 
 
