@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from queue import Queue
 from threading import Thread
 
@@ -185,6 +186,20 @@ def test_unknown_time_of_publication_is_no_rate(
     put(queue, 1000)  # of a publisher that may have started before the subscription
     add(queue, Position(1001))
     assert (queue.order.count, queue.order.is_complete) == (0, False)
+
+
+@pytest.mark.parametrize(('publish_ns', 'is_complete'), [(0, False), (10**9, True)])
+def test_time_of_publication_gives_a_rate(
+        publish_ns: int, is_complete: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 0.0
+    monkeypatch.setattr(queue_module, 'FrameOrder', lambda: FrameOrder(lambda: now))
+    queue = FrameQueue(9)
+    now = 10.0
+    queue.order.discover([PUBLISHER])
+    for number in (3, 4):  # a second apart, so that the first one is younger than the queue
+        queue.put(replace(frame(number), publish_ns=publish_ns * number), PUBLISHER,
+                  Position(number))
+    assert queue.order.is_complete == is_complete
 
 
 def test_way_of_the_publisher_is_returned() -> None:
