@@ -338,23 +338,30 @@ def test_parameter_files_left_to_rcl(tmp_path: Path) -> None:
 
 
 def test_unknown_parameter(run: Run) -> None:
-    ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=0', '-p', 'source:=pattern',
-                        '-p', 'max_frames:=1')
+    ended, output = run('img_publisher', '--ros-args', '-p', 'fram_id:=0', '-p',
+                        'source:=pattern', '-p', 'max_frames:=1')
     assert ended == 0
-    assert 'unknown parameter sorce is not used; did you mean source?' in output
+    assert 'unknown parameter fram_id is not used; did you mean frame_id?' in output
+
+
+@pytest.mark.parametrize('name', ['sorce', 'video_device'])
+def test_other_name_of_the_source(run: Run, name: str) -> None:
+    ended, output = run('img_publisher', '--ros-args', '-p', f'{name}:=/dev/video9')
+    assert ended == BAD_USAGE
+    assert f'there is no parameter {name}: did you mean source?' in output
 
 
 @pytest.mark.parametrize(('reconnect', 'later'), [
     ('never', 'Published 0 frames'), ('0.2', 'gave up after')])
 def test_unknown_parameter_without_a_camera(run: Run, reconnect: str, later: str) -> None:
-    ended, output = run('img_publisher', '--ros-args', '-p', 'sorce:=pattern', '-p', 'gain:=7',
+    ended, output = run('img_publisher', '--ros-args', '-p', 'fram_id:=eye', '-p', 'gain:=7',
                         '-p', 'source:=987', '-p', f'reconnect:={reconnect}')
     assert ended == FAILED
     assert output.count(' is not used yet') == 2
     # It is said while the camera is waited for.
     assert output.rindex(' is not used yet') < output.index(later)
     assert 'gain is not used yet; it is not a parameter of the node, and no camera is' in output
-    assert 'sorce is not used yet (did you mean source?); it is not a parameter of' in output
+    assert 'fram_id is not used yet (did you mean frame_id?); it is not a parameter of' in output
 
 
 def test_numbers_for_texts_and_fractions(run: Run) -> None:

@@ -258,8 +258,8 @@ def test_floats_with_a_compressed_reader(start: Start, node: Node, tmp_path: Pat
     assert_equal(pixels(run.messages), [depth] * 12)
     assert re.search(r'Published 12 frames at .* Hz, 0 dropped', console)
     assert [line.partition(']: ')[2] for line in console.splitlines() if '[WARN]' in line] == [
-        '/run/video_frames/compressed has no frames: an image of 32FC1 is neither gray nor in '
-        'colours, as JPEG is; receive /run/video_frames, with transport:=raw or transport:=auto']
+        '/run/video_frames/compressed has no frames: an image of 32FC1 cannot be stored '
+        'as png; receive /run/video_frames, with transport:=raw or transport:=auto']
 
 
 @pytest.mark.thorough

@@ -24,6 +24,7 @@ import cv2
 from diagnostic_msgs.msg import DiagnosticArray
 from images import draw_pattern
 import numpy as np
+from opencv_tools.image_codecs import encode_image
 from opencv_tools.nodes.publisher.calibration_file import read_camera_info
 import pytest
 from rcl_interfaces.msg import ParameterEvent, ParameterType
@@ -67,7 +68,7 @@ def picture(tmp_path: Path) -> np.ndarray:
 
 
 FORMATS = {'rgb8': 'rgb8; jpeg compressed bgr8', 'mono8': 'mono8; jpeg compressed mono8',
-           'bgr16': 'bgr8; jpeg compressed bgr8', 'bgr8': 'bgr8; jpeg compressed bgr8'}
+           'bgr16': 'bgr16; png compressed bgr16', 'bgr8': 'bgr8; jpeg compressed bgr8'}
 
 
 def test_compressed_frames(start: Start, node: Node, picture: np.ndarray) -> None:
@@ -75,7 +76,8 @@ def test_compressed_frames(start: Start, node: Node, picture: np.ndarray) -> Non
     start('img_publisher', source='p.png', on_end='loop', publish_rate=50, frame_id='eye')
     for encoding, format_text in FORMATS.items():
         shown = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if encoding == 'mono8' else picture
-        expected = cv2.imencode('.jpg', shown, (cv2.IMWRITE_JPEG_QUALITY, 95))[1].tobytes()
+        expected = (encode_image(shown * np.uint16(257), '.png') if encoding == 'bgr16' else
+                    cv2.imencode('.jpg', shown, (cv2.IMWRITE_JPEG_QUALITY, 95))[1]).tobytes()
         assert not set_parameters(node, encoding=encoding)
         wait_for_data(node, messages, expected, format_text)
     assert messages[-1].header.frame_id == 'eye'
