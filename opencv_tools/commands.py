@@ -54,7 +54,7 @@ def _run_node(name: str, module: str, load: Callable[[str], Any] = _load) -> int
     def run() -> int:
         if sys.argv[1:2] in (['-h'], ['--help'], ['--version']):
             return int(_load('opencv_tools.nodes.help_text').show_help(name, sys.argv[1]))
-        sentence = _load('opencv_tools.base.remedies').explain_variables()
+        sentence = import_module('opencv_tools.base.remedies').explain_variables()
         if sentence:  # rcl would end the process with status 102, or wait for ever
             print(f'{name}: error: {sentence}', file=sys.stderr)
             return 2

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -179,6 +179,7 @@ class OutputImage:
         return turn_image(_native(image, target), flip, degrees, out), target
 
 
+@lru_cache  # called for each frame
 def describe_reduction(captured: str, published: str) -> str:
     """
     Return a sentence such as ``mono16 images lose 8 bits in bgr8``; '' for images that lose none.

@@ -95,7 +95,7 @@ class Frame(Headed):
         :param camera_info: calibration with the same stamp.
         :param rectifier: maps of the camera; None to compute them for this frame alone.
         :raises CvBridgeError: the message is not a valid image, or cannot be converted.
-        :raises SizeError: an image has no pixel, or a compressed image too many.
+        :raises CodecError: an image has no pixel, or a compressed image cannot be decoded.
         """
         self._message = message
         #: Time of reception in nanoseconds of the system clock.

@@ -85,7 +85,7 @@ class Quantisation:
         """
         with np.errstate(all='ignore'):
             numbers = np.float32(self.numerator) / depth + np.float32(self.offset)
-        farthest = np.float32(self.numerator / (1 - self.offset))
+            farthest = np.float32(self.numerator) / np.float32(1 - self.offset)
         numbers[~((depth > 0) & (depth < farthest))] = 0
         return np.minimum(numbers, _MAX_STORED, out=numbers).astype(np.uint16)
 

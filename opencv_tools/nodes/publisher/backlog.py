@@ -113,7 +113,7 @@ class Backlog:
         if self.wait_for_all() or self._stopped.is_set():
             return True
         count, publisher = max(
-            (min(count, publisher.qos_profile.depth), publisher.topic_name)
+            (min(count, publisher.qos_profile.depth or count), publisher.topic_name)
             for publisher, count in self._unconfirmed.items())
         self._log.error(f'up to {count} of the last messages on {publisher} were not received by '
                         'each reliable subscriber; they may be lost')

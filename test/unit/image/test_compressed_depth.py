@@ -100,6 +100,8 @@ def test_depths_without_a_number() -> None:
     depth = np.array([[np.nan, np.inf, -np.inf, 0, -1, 10, 11, 1e-3, 0.05, 9.99]], np.float32)
     stored = Quantisation.up_to().stored(depth)
     assert stored.tolist() == [[0, 0, 0, 0, 0, 0, 0, 65535, 65535, 2]]
+    far = Quantisation.up_to(float('inf')).stored(np.float32([[50_000, 0.2]]))
+    assert far.tolist() == [[1, 50501]]
     assert Quantisation.up_to(4.9, 37.0).stored(np.float32([[5, 4.8]])).tolist() == [[0, 6]]
 
 
