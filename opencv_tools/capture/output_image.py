@@ -196,6 +196,20 @@ def describe_reduction(captured: str, published: str) -> str:
     return what and f'{before.name} images lose {what} in {after.name}'
 
 
+def check_conversion(captured: str, published: str) -> None:
+    """
+    Check that frames can be converted.
+
+    :param captured: encoding of a captured frame, also ``JPEG`` or ``VIDEO``.
+    :param published: value of the parameter ``encoding``.
+    :raises ConversionError: the conversion is not supported.
+    """
+    before = _DECODED if captured in (JPEG, VIDEO) else find_encoding(captured)
+    image = np.zeros((before.rows(2), 2, before.channels)[:2 + (before.channels > 1)],
+                     before.dtype)
+    _ = OutputImage(CapturedFrame(image, before.name), CaptureSettings(encoding=published)).image
+
+
 def _is_kept(output: OutputImage) -> bool:
     """Return whether the compressed image of a camera or bag is used unchanged."""
     if output.settings.compressed_format == 'png' and not output.frame.recorded:

@@ -27,7 +27,8 @@ from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
-from opencv_tools.capture.output_image import describe_reduction, OutputImage
+from opencv_tools.capture.output_image import (
+    check_conversion, describe_reduction, OutputImage)
 from opencv_tools.capture.source import describe_opening, open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
@@ -131,6 +132,7 @@ class PublishLoop:
             self._open_source, settings.capture, self._events, topics)
         self._is_live = False  # until the source is open
         self._unseen = 0  # frames without subscribers
+        self._captured = ''  # encoding of the frames of a file; a camera has several
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
         self._diagnostics = Diagnostics(node, self._source_status)
 
@@ -199,9 +201,16 @@ class PublishLoop:
         Check changed parameters against the other ones.
 
         :param changes: new values by name.
-        :raises ParameterError: the video cannot have these settings.
+        :raises ParameterError: the video cannot have these settings, or the frames of a file
+            cannot have this encoding.
         """
         with_values(self.settings, changes).check_video()
+        if self._captured and 'encoding' in changes:
+            try:
+                check_conversion(self._captured, changes['encoding'])
+            except ConversionError as err:
+                raise ParameterError(f"parameter encoding is {changes['encoding']!r}: {err}; give "
+                                     "'' for the encoding of the source") from err
 
     def apply_changes(self, changes: dict[str, Any]) -> None:
         """
@@ -241,6 +250,7 @@ class PublishLoop:
         if frame is None:
             self._count_unseen()
             return
+        self._captured = '' if self._is_live else frame.encoding
         output = OutputImage(frame, self.settings.capture)
         stamp, frame_id = self._headers.header(frame, self.settings)
         try:

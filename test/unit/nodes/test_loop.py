@@ -161,3 +161,15 @@ def test_frames_before_the_first_subscriber(
     assert loop.run() == EXIT_OK
     assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers '
                                    '(wait_for_subscribers:=1 waits for the first one)')
+
+
+@pytest.mark.parametrize('encoding', ['nv12', 'yuv422', 'bayer_rggb8'])
+def test_encoding_that_the_frames_cannot_have(node: Node, encoding: str) -> None:
+    loop = create_loop(node, source='pattern:64x48', publish_rate=0.0, max_frames=1)
+    loop.check_changes({'encoding': encoding})  # no frame is known yet
+    loop._topics.has_subscribers = lambda: True  # type: ignore[method-assign]
+    assert loop.run() == EXIT_OK
+    for accepted in ('mono16', 'rgba8', '', 'bgr8'):
+        loop.check_changes({'encoding': accepted})
+    with pytest.raises(ParameterError, match=f"parameter encoding is '{encoding}': .*; give ''"):
+        loop.check_changes({'encoding': encoding})
