@@ -188,7 +188,8 @@ class PublishLoop:
         """Return the numbers of published and lost frames as a sentence."""
         missed = f', {self._grabber.missed} missed' if self._grabber.missed else ''
         unseen = f', {self._unseen} without subscribers' if self._unseen else ''
-        if self._unseen and not self._is_live and self._unseen < self._progress.count:
+        may_wait = not (self._is_live or self.settings.wait_for_subscribers)
+        if may_wait and 0 < self._unseen < self._progress.count:
             unseen += ' (wait_for_subscribers:=1 waits for the first one)'
         others = (f'; {self._topic_player.count} messages of other topics'
                   if self._topic_player else '')
