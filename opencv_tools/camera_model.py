@@ -59,8 +59,9 @@ class CameraModel:
     @property
     def is_rectified(self) -> bool:
         """Whether rectified images equal the raw ones."""
-        return not self.distortion.size and np.allclose(
-            self.projection @ self.rotation, self.matrix, rtol=1e-9, atol=1e-9)
+        with np.errstate(over='ignore', invalid='ignore'):  # of numbers near the largest one
+            return not self.distortion.size and np.allclose(
+                self.projection @ self.rotation, self.matrix, rtol=1e-9, atol=1e-9)
 
     def maps(self, width: int, height: int, *, is_nearest: bool) -> Maps:
         """Return the maps of ``cv2.remap`` for images of a size."""

@@ -123,8 +123,9 @@ def test_lossy_colours(tmp_path: Path, encoding: str, suffix: str) -> None:
 def test_lossy_numbers_within_a_range(
         tmp_path: Path, encoding: str, low: float, high: float, suffix: str) -> None:
     steps = np.linspace(low, high, 6)
-    image = np.array([[low - 1, *steps, high + 1]]).clip(
-        0 if encoding in ('16UC1', 'mono16') else None).astype(find_encoding(encoding).dtype)
+    least = 0 if encoding in ('16UC1', 'mono16') else low - 1
+    image = np.array([[low - 1, *steps, high + 1]]).clip(least).astype(
+        find_encoding(encoding).dtype)
     if encoding == '32FC1':
         image[0, 0] = np.nan
     settings = EncoderSettings(suffix, lossy=True, limits=(low, high))
