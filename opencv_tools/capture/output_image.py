@@ -212,10 +212,15 @@ def check_conversion(captured: str, published: str) -> None:
 
 def _is_kept(output: OutputImage) -> bool:
     """Return whether the compressed image of a camera or bag is used unchanged."""
-    if output.settings.compressed_format == 'png' and not output.frame.recorded:
+    frame, settings = output.frame, output.settings
+    if frame.encoding != JPEG:
         return False
-    return output.frame.encoding == JPEG and (_keeps_pixels(output.settings, *_AS_JPEG) or (
-        _keeps_pixels(output.settings, 'mono8') and output._is_gray_jpeg))
+    if not frame.recorded:  # a data set has pictures of bags without their messages
+        is_jpeg = frame.image[:len(JPEG_SOI)].tobytes() == JPEG_SOI
+        if settings.compressed_format == 'png' or not is_jpeg:
+            return False
+    return _keeps_pixels(settings, *_AS_JPEG) or (
+        _keeps_pixels(settings, 'mono8') and output._is_gray_jpeg)
 
 
 def _keeps_pixels(settings: CaptureSettings, *encodings: str) -> bool:

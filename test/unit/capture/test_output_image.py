@@ -273,3 +273,11 @@ def test_depth_of_a_bag_is_decoded(codec: str) -> None:
     assert output.size == (37, 23)
     assert output.compressed == (frame.image, format_text)
     assert np.array_equal(output.image, depth) and output.encoding == '16UC1'
+
+
+def test_png_without_its_message_becomes_a_jpeg() -> None:
+    content = cv2.imencode('.png', PICTURE)[1].reshape(-1)
+    output = OutputImage(CapturedFrame(content, JPEG), CaptureSettings(encoding='bgr8'))
+    data, format_text = output.compressed
+    assert format_text == 'bgr8; jpeg compressed bgr8' and data[:2].tobytes() == b'\xff\xd8'
+    assert np.abs(cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int) - PICTURE).mean() < 8
