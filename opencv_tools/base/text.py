@@ -35,7 +35,8 @@ _VALUE = re.compile(
     rf'(?is)((?:{"|".join(SECRET_NAMES)})=)(?!\*\*\*(?:\W|$))(?:(?!&[\w.-]+=).)*')
 # Files and packages have no user name.
 # A slash may be missing in a misspelt URL.
-_BEGIN = re.compile(r'(?i)(?<!\bfile)(?<!\bpackage)(?:://|(?<=[a-z]):/(?=[^/@]*:[^/]*@))(?!\*{3}@|@)')
+_BEGIN = re.compile(
+    r'(?i)(?<!\bfile)(?<!\bpackage)(?:://|(?<=[a-z]):/(?=[^/@]*:[^/]*@))(?!\*{3}@|@)')
 _AT = re.compile(r'(?<!://\*{3})@')
 _FIELDS = re.compile(r'://|[?&]')
 

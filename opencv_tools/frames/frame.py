@@ -38,43 +38,7 @@ _UNCHANGED = ('', 'passthrough')
 _BRIDGE = CvBridge()
 
 
-class Headed:
-    """A message whose header can be read."""
-
-    _message: WireMessage
-
-    @property
-    def stamp(self) -> Time:
-        """Stamp of the image."""
-        return Time(sec=self._message.header.sec, nanosec=self._message.header.nanosec)
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the image in nanoseconds."""
-        return self._message.header.stamp_ns
-
-    @property
-    def frame_id(self) -> str:
-        """Coordinate frame of the camera."""
-        return self._message.header.frame_id
-
-    @property
-    def wire_header(self) -> WireHeader:
-        """Stamp and coordinate frame as plain values."""
-        return self._message.header
-
-    @property
-    def header(self) -> Header:
-        """Stamp and coordinate frame as a message."""
-        return Header(stamp=self.stamp, frame_id=self.frame_id)
-
-    @property
-    def description(self) -> str:
-        """Size and encoding as text, such as ``640x480 bgr8``."""
-        return self._message.description
-
-
-class Frame(Headed):
+class Frame:
     """
     A received image. All arrays are read-only; draw on ``frame.image.copy()``.
 
@@ -149,7 +113,7 @@ class Frame(Headed):
             image.
         """
         rectified, _ = (self._rectifier or Rectifier()).rectify(
-            self.image, find_encoding(self._target), self._info('be rectified'))
+            self.image, find_encoding(self._target), _required(self.camera_info, 'be rectified'))
         rectified.flags.writeable = False
         return rectified
 
@@ -170,18 +134,12 @@ class Frame(Headed):
             raise RectificationError(f'an image of {self.raw_encoding} has no depth: '
                                      f'{enumerated(DEPTH_ENCODINGS)} have')
         rays = (self._rectifier or Rectifier()).rays(
-            self._info('have points'), self._raw.shape[1], self._raw.shape[0])
+            _required(self.camera_info, 'have points'), self._raw.shape[1], self._raw.shape[0])
         depth = self._raw.astype(np.float32)
         if self.raw_encoding != '32FC1':
             depth *= np.float32(0.001)
         depth[~((depth > 0) & np.isfinite(depth))] = np.nan
         return np.dstack((rays * depth[..., np.newaxis], depth))
-
-    def _info(self, use: str) -> CameraInfo:
-        if self.camera_info is None:
-            raise RectificationError(f'a frame without camera_info cannot {use}: give '
-                                     'camera_info=True to receive_frames')
-        return self.camera_info
 
     def to(self, encoding: str) -> NDArray[Any]:
         """
@@ -201,6 +159,36 @@ class Frame(Headed):
         converted.flags.writeable = False
         return converted
 
+    @property
+    def stamp(self) -> Time:
+        """Stamp of the image."""
+        return Time(sec=self._message.header.sec, nanosec=self._message.header.nanosec)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the image in nanoseconds."""
+        return self._message.header.stamp_ns
+
+    @property
+    def frame_id(self) -> str:
+        """Coordinate frame of the camera."""
+        return self._message.header.frame_id
+
+    @property
+    def header(self) -> Header:
+        """Stamp and coordinate frame as a message."""
+        return Header(stamp=self.stamp, frame_id=self.frame_id)
+
+    @property
+    def description(self) -> str:
+        """Size and encoding as text, such as ``640x480 bgr8``."""
+        return self._message.description
+
+
+def wire_header(frame: Frame) -> WireHeader:
+    """Return the stamp and the coordinate frame of a frame as plain values."""
+    return frame._message.header
+
 
 def check_target(encoding: str) -> None:
     """
@@ -211,3 +199,10 @@ def check_target(encoding: str) -> None:
     """
     if encoding not in _UNCHANGED:
         find_encoding(encoding)
+
+
+def _required(info: CameraInfo | None, use: str) -> CameraInfo:
+    if info is None:
+        raise RectificationError(f'a frame without camera_info cannot {use}: give '
+                                 'camera_info=True to receive_frames')
+    return info

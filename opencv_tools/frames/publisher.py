@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.logs import Log
 from opencv_tools.base.units import NANO
-from opencv_tools.frames.frame import Frame
+from opencv_tools.frames.frame import Frame, wire_header
 from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
 from opencv_tools.image.encodings import (
@@ -170,7 +170,7 @@ class FramePublisher:
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""
         if isinstance(source, Frame):
-            return source.wire_header
+            return wire_header(source)
         if source is None:
             return WireHeader(*divmod(self._node.get_clock().now().nanoseconds, NANO), '')
         if not isinstance(source, Header):

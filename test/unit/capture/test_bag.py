@@ -17,8 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 import sqlite3
 import sys
@@ -277,8 +277,8 @@ def test_topic_without_messages_is_no_candidate(tmp_path: Path) -> None:
     write_rosbag2(tmp_path / 'bag', '.db3', [image_entry(1), image_entry(2, topic='/never')])
     (file,) = (tmp_path / 'bag').glob('*.db3')
     with closing(sqlite3.connect(file)) as connection, connection:
-        connection.execute("DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE "
-                           "name = '/never')")
+        connection.execute('DELETE FROM messages WHERE topic_id = ('
+                           'SELECT id FROM topics WHERE name = ?)', ('/never',))
     file.rename(path)
     source = open_source(str(path))
     assert isinstance(source, BagSource)
