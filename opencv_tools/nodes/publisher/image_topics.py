@@ -113,7 +113,9 @@ class ImageTopics:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
-            if sum(topics.frames.count_subscribers() for topics in self._all) < self.awaited:
+            count = sum(topics.frames.count_subscribers() for topics in self._all)
+            # A subscriber may be in the graph, but not be connected yet.
+            if count < self.awaited or not self.has_subscribers():
                 self._settled_at = 0.0
             else:
                 self._settled_at = self._settled_at or now + _SETTLE_SECONDS
