@@ -242,7 +242,7 @@ class TopicRecorder:
                           *(f'{image_topic}/{name}' for name in VIDEO_TOPICS.values())}
         self._image_topic = image_topic
         self._log = log
-        self._types = TopicTypes(node)
+        self._types = TopicTypes()
         self._topics: dict[str, RecordedTopic] = {}  # that are received now
         self._accounts: dict[tuple[str, str, str], RecordedTopic] = {}  # name, type, hash
         self._left_out = LeftOutTopics(log)
@@ -257,6 +257,7 @@ class TopicRecorder:
         """Record the messages that have arrived, and unsubscribe."""
         self._is_closing.set()
         self._thread.join()
+        self._types.close()
         for topic in self._topics.values():
             if topic.reader:
                 topic.reader.destroy()
