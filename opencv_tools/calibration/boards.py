@@ -45,7 +45,9 @@ DICTIONARIES = {
     '36h11': ('DICT_APRILTAG_36h11', 587, 6)}
 _METRES = {'mm': 0.001, 'cm': 0.01, 'm': 1.0}
 _LENGTH = re.compile('([0-9]{1,6}(?:[.][0-9]{1,6})?)(mm|cm|m)')
-_LEAST, _MOST = 3, 50
+#: Smallest number of columns or rows.
+LEAST_COUNT = 3
+_MOST = 50
 _LARGEST = 5.0  # metres; a PDF page is not larger
 _CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)  # clockwise from the upper left
 
@@ -185,9 +187,9 @@ def parse_board(text: str) -> Board:
         raise CalibrationError(f'the board is {text!r:.80}: give {FORMS[kind]}')
     counts = re.fullmatch('([0-9]{1,3})x([0-9]{1,3})', fields[0])
     columns, rows = map(int, counts.groups()) if counts else (0, 0)
-    if not all(_LEAST <= count <= _MOST for count in (columns, rows)):
+    if not all(LEAST_COUNT <= count <= _MOST for count in (columns, rows)):
         raise CalibrationError(f'the board {text!r:.80} has the size {fields[0]!r:.20}: give '
-                               f'COLUMNSxROWS, each from {_LEAST} to {_MOST}')
+                               f'COLUMNSxROWS, each from {LEAST_COUNT} to {_MOST}')
     if kind == CHESSBOARD:
         return _check(Board(kind=kind, columns=columns, rows=rows, square=_length(fields[1])))
     first, second = _length(fields[1]), _length(fields[2])

@@ -16,13 +16,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.calibration.boards import Board, CHESSBOARD
+from opencv_tools.calibration.boards import Board, CHESSBOARD, LEAST_COUNT
 from opencv_tools.calibration.corners import corners_near, fit_local_map, follow_corners
 
 # Largest difference between the expected and the real place of a neighbour, as a part of its
@@ -90,7 +90,13 @@ class MarkerFinder:
             fits = self._fit(ids[once], quads[once])
             if fits.sum() >= max(_LEAST_MARKERS, len(ids) / 2):
                 return Markers(ids[once][fits], quads[once][fits], not fits.all())
-        return _none(self._problem(gray, ids, is_fast))
+        return _none(self._problem(gray, ids, quads, is_fast))
+
+    def _fits_best(self, ids: NDArray[np.int64], quads: NDArray[np.float64]) -> bool:
+        """Return whether most markers, whose ids are on the board, are where they should be."""
+        is_known = ids < len(self._places)
+        return bool(self._fit(ids[is_known], quads[is_known]).sum() >= max(
+            _LEAST_MARKERS, len(ids) / 2))
 
     def _fit(self, ids: NDArray[np.int64], quads: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which markers are where most of their neighbours expect them."""
@@ -111,7 +117,10 @@ class MarkerFinder:
         agreeing = (agrees & agrees.T & is_near).sum(axis=0)
         return (agreeing > 0) & (2 * agreeing > is_near.sum(axis=0))
 
-    def _problem(self, gray: NDArray[np.uint8], ids: NDArray[np.int64], is_fast: bool) -> str:
+    def _problem(
+        self, gray: NDArray[np.uint8], ids: NDArray[np.int64], quads: NDArray[np.float64],
+        is_fast: bool,
+    ) -> str:
         """Return why the markers of an image are too few or do not fit, in words."""
         known = np.count_nonzero(ids < len(self._places))
         if not is_fast:
@@ -123,6 +132,10 @@ class MarkerFinder:
                     f'has only those from 0 to {len(self._places) - 1}: give the size of the '
                     'board in the image')
         if known > 2 * _LEAST_MARKERS:
+            turned = replace(self._board, columns=self._board.rows, rows=self._board.columns)
+            if not is_fast and MarkerFinder(turned)._fits_best(ids, quads):
+                return (f'the board in the image is {turned}, not {self._board}: exchange columns '
+                        'and rows')
             return (f'{known} markers of {self._board.dictionary} are in the image, but not as '
                     f'on {self._board}: give the columns and rows of the board in the image')
         return ''
@@ -247,7 +260,8 @@ class BoardFinder:
         board = self._asked
         found = _chessboard(gray, (board.columns, board.rows), is_fast)
         if found is None:
-            return np.zeros(0, np.int64), np.zeros((0, 2)), ''
+            return np.zeros(0, np.int64), np.zeros((0, 2)), '' if is_fast else (
+                _miscounted(gray, board))
         if not is_fast:
             hidden = gray.copy()
             cv2.fillConvexPoly(hidden, cv2.convexHull(found.astype(np.int32)), 128)
@@ -289,6 +303,18 @@ def _chessboard(
         flags = cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
         found, corners = cv2.findChessboardCornersSB(gray, counts, flags=flags)
     return np.asarray(corners, float).reshape(-1, 2) if found else None
+
+
+def _miscounted(gray: NDArray[np.uint8], board: Board) -> str:
+    """Return that the squares of a chessboard were counted, not its inner corners, or ''."""
+    other = replace(board, columns=board.columns - 1, rows=board.rows - 1)
+    counts = other.columns, other.rows
+    factor = -(-max(gray.shape) // _FAST_PIXELS)
+    small: Any = cv2.resize(gray, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
+    if min(counts) < LEAST_COUNT or _chessboard(small, counts, is_fast=False) is None:
+        return ''
+    return (f'a board of {other.columns}x{other.rows} inner corners is in the image, which has '
+            f'{board.columns}x{board.rows} squares: give {other}')
 
 
 def _ordered(

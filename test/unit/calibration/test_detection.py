@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from opencv_tools.calibration.boards import Board, parse_board
@@ -133,6 +135,32 @@ def test_smaller_board_than_given() -> None:
     found = BoardFinder(CHARUCO).find(CAMERA.see(small, facing(small, CAMERA, 0.6)))
     assert not found.is_found
     assert found.problem.endswith('give the columns and rows of the board in the image')
+
+
+@pytest.mark.parametrize('given', ['9x6', '6x9', '10x7', '5x4'])
+def test_chessboard_counted_in_squares(given: str) -> None:
+    asked = parse_board(f'chessboard:{given}:25mm')
+    true = replace(asked, columns=asked.columns - 1, rows=asked.rows - 1)
+    image = CAMERA.see(true, facing(true, CAMERA, 0.7))
+    found = BoardFinder(asked).find(image)
+    assert not found.is_found
+    assert found.problem == (
+        f'a board of {true.columns}x{true.rows} inner corners is in the image, which has {given} '
+        f'squares: give {true}')
+    assert BoardFinder(true).find(image).is_found
+
+
+@needs_markers
+@pytest.mark.parametrize('text', [
+    'charuco:7x6:30mm:22mm:4x4_50', 'charuco:5x9:30mm:22mm:5x5_250',
+    'aprilgrid:6x5:30mm:9mm:36h11', 'aprilgrid:3x7:30mm:9mm:36h11'])
+def test_columns_and_rows_exchanged(text: str) -> None:
+    true = parse_board(text)
+    asked = replace(true, columns=true.rows, rows=true.columns)
+    found = BoardFinder(asked).find(CAMERA.see(true, facing(true, CAMERA, 0.8)))
+    assert not found.is_found
+    assert found.problem == (
+        f'the board in the image is {true}, not {asked}: exchange columns and rows')
 
 
 @pytest.mark.parametrize('board', BOARDS[:2])
