@@ -207,6 +207,7 @@ class BoardFinder:
         #: The board in the layout that fitted last.
         self.board = board
         self._asked = board
+        self._has_found = False
         self._markers = {} if board.kind == CHESSBOARD else {
             one: MarkerFinder(one) for one in (board, board.variant) if one}
 
@@ -260,8 +261,9 @@ class BoardFinder:
         board = self._asked
         found = _chessboard(gray, (board.columns, board.rows), is_fast)
         if found is None:
-            return np.zeros(0, np.int64), np.zeros((0, 2)), '' if is_fast else (
-                _miscounted(gray, board))
+            return np.zeros(0, np.int64), np.zeros((0, 2)), (
+                '' if is_fast or self._has_found else _miscounted(gray, board))
+        self._has_found = True
         if not is_fast:
             hidden = gray.copy()
             cv2.fillConvexPoly(hidden, cv2.convexHull(found.astype(np.int32)), 128)
@@ -313,8 +315,8 @@ def _miscounted(gray: NDArray[np.uint8], board: Board) -> str:
     small: Any = cv2.resize(gray, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)
     if min(counts) < LEAST_COUNT or _chessboard(small, counts, is_fast=False) is None:
         return ''
-    return (f'a board of {other.columns}x{other.rows} inner corners is in the image, which has '
-            f'{board.columns}x{board.rows} squares: give {other}')
+    return (f'{other.columns}x{other.rows} inner corners are in the image, as on a board of '
+            f'{board.columns}x{board.rows} squares: give {other} if it has no more')
 
 
 def _ordered(
