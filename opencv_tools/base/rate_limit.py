@@ -24,6 +24,7 @@ MAX_RATE = 1e6
 _LONGEST_NS = 1 << 62
 # Jitter tolerance: a frame this fraction of a period early still counts as on time.
 _JITTER_TOLERANCE = 0.25
+_STANDING = 1000  # times slower than arrivals: stamps of a clock that stands
 
 
 class RateLimit:
@@ -37,14 +38,27 @@ class RateLimit:
         """
         self._period_ns = int(min(NANO / max_rate, _LONGEST_NS)) if max_rate else 0
         self._due_ns = 0
+        self._last: tuple[int, int] | None = None  # stamp and arrival
+        self._are_standing = False
 
-    def selects(self, time_ns: int) -> bool:
+    def selects(self, stamp_ns: int, arrival_ns: int) -> bool:
         """
-        Return whether the frame with a time in nanoseconds is selected.
+        Return whether a frame is selected.
 
+        Its stamp is its time. From a stamp on that is unset or stands still, that is the arrival.
         The times are compared with a fixed grid, so that rates that do not divide have the right
         mean. A pause, or a clock that was set, begins another grid.
+
+        :param stamp_ns: stamp in nanoseconds; 0 if it is unset.
+        :param arrival_ns: nanoseconds of any clock.
         """
+        if not self._period_ns:
+            return True
+        last_stamp, last_arrival = self._last or (0, arrival_ns)
+        self._are_standing |= not stamp_ns or (
+            0 <= (stamp_ns - last_stamp) * _STANDING < arrival_ns - last_arrival)
+        self._last = stamp_ns, arrival_ns
+        time_ns = arrival_ns if self._are_standing else stamp_ns
         period = self._period_ns
         early = self._due_ns - time_ns
         if period * _JITTER_TOLERANCE < early <= 2 * period:

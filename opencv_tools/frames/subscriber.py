@@ -101,7 +101,7 @@ class FrameSubscriber:
         self._subscription.destroy()
 
     def _receive(self, received: ReceivedMessage) -> None:
-        if not self._rate_limit.selects(received.stamp_ns or received.receive_ns):
+        if not self._rate_limit.selects(received.stamp_ns, received.receive_ns):
             self._left_out += 1
             return
         try:

@@ -120,7 +120,8 @@ class Selection:
     def selects(self, frame: ReceivedFrame) -> bool:
         """Return whether a received frame is to be recorded."""
         self._seen += 1
-        return not (self._seen - 1) % self._every_n and self._rate_limit.selects(frame.time_ns)
+        return not (self._seen - 1) % self._every_n and self._rate_limit.selects(
+            frame.metadata.stamp_ns, frame.arrival_ns)
 
     def count(self) -> None:
         """Count a frame that is put into the queue, whether it is written or dropped later."""

@@ -129,7 +129,7 @@ class Access:
         :raises RequestError: the name is not allowed.
         """
         name = _host_name(host)
-        if name in self.hosts or _is_address(name) or (name and self.token):
+        if name in self.hosts or is_address(name) or (name and self.token):
             return
         raise RequestError(f'the host {name[:80]!r} is not a name of this machine: use its '
                            'address, or add the name to the parameter allowed_hosts', 403)
@@ -202,12 +202,13 @@ def _host_name(host: str) -> str:
     return parts[1].strip('[]').rstrip('.').lower() if parts else ''
 
 
-def _is_address(name: str) -> bool:
+def is_address(name: str) -> bool:
+    """Return whether a name is an address of IPv4 or IPv6; one with a zone is none."""
     try:
         ipaddress.ip_address(name)
     except ValueError:
         return False
-    return True
+    return '%' not in name
 
 
 def read_token(path: str) -> str:

@@ -32,6 +32,7 @@ import subprocess
 import tempfile
 import time
 
+from opencv_tools.viewer.access import is_address
 from opencv_tools.viewer.errors import ViewerError
 
 #: Value of ``certificate`` for a certificate that the node creates.
@@ -109,8 +110,8 @@ def _kept(path: Path) -> str:
 def _create(path: Path, hosts: list[str]) -> str:
     """Create the file, which only its owner can read, and return its content."""
     names = [name for name in dict.fromkeys(['localhost', *hosts]) if _HOST.fullmatch(name)
-             and not _is_address(name)]
-    addresses = [*filter(_is_address, dict.fromkeys(['127.0.0.1', '::1', *hosts]))]
+             and not is_address(name)]
+    addresses = [*filter(is_address, dict.fromkeys(['127.0.0.1', '::1', *hosts]))]
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         content = _create_with_library(names, addresses)
@@ -168,14 +169,6 @@ def _create_with_openssl(names: list[str], addresses: list[str]) -> str:
     except subprocess.SubprocessError as err:
         raise RuntimeError(f'{program} has failed: {err}') from err
     return created.stdout
-
-
-def _is_address(text: str) -> bool:
-    try:
-        ipaddress.ip_address(text)
-    except ValueError:
-        return False
-    return '%' not in text
 
 
 def _context(certificate: str, key: str) -> ssl.SSLContext:

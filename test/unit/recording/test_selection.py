@@ -59,6 +59,18 @@ def test_rate_is_independent_of_jitter(rate: float, max_rate: float, jitter_ms: 
     assert expected * 0.98 <= len(taken) <= expected + 1
 
 
+@pytest.mark.parametrize('rate', [5, 30, 113])
+@pytest.mark.parametrize('step_ns', [0, 1, 2000])
+@pytest.mark.parametrize('begin', [0, 77, 1_700_000_000 * NANO])
+def test_rate_of_stamps_that_stand_still(rate: float, step_ns: int, begin: int) -> None:
+    selection = Selection(1, 2.0, Limits())
+    arrivals = stamps(10 * rate, rate)
+    taken = [number for number, arrival_ns in enumerate(arrivals) if selection.selects(
+        replace(frame(begin + number * step_ns), arrival_ns=arrival_ns))]
+    assert 19 <= len(taken) <= 22
+    assert max(np.diff(taken)) <= rate
+
+
 def test_third_of_the_rate_is_every_third_frame() -> None:
     assert selected(Selection(1, 10, Limits()), stamps(31, 30, 4)) == list(range(0, 31, 3))
 
@@ -81,10 +93,10 @@ def test_frames_off_the_grid(times: list[float], expected: list[int]) -> None:
     assert selected(selection, [round(time * NANO) for time in times]) == expected
 
 
-def test_frames_without_a_stamp_use_the_receive_time() -> None:
+def test_frames_without_a_stamp_use_the_arrival() -> None:
     selection = Selection(1, 10.0, Limits())
-    taken = [number for number, time_ns in enumerate(stamps(31, 30))
-             if selection.selects(frame(0, time_ns))]
+    taken = [number for number, arrival_ns in enumerate(stamps(31, 30))
+             if selection.selects(replace(frame(0), arrival_ns=arrival_ns))]
     assert taken == list(range(0, 31, 3))
 
 
