@@ -28,6 +28,7 @@ import stat
 from urllib.parse import urlsplit
 
 from opencv_tools.base.text import printable
+from opencv_tools.viewer.certificate import is_address
 from opencv_tools.viewer.errors import RequestError, ViewerError, WrongTokenError
 
 #: Value of the parameter ``token`` that creates a token if one is necessary.
@@ -200,15 +201,6 @@ def _host_name(host: str) -> str:
     """Return the name or address in a header ``Host``, without its port; '' if it is invalid."""
     parts = _HOST.fullmatch(host)
     return parts[1].strip('[]').rstrip('.').lower() if parts else ''
-
-
-def is_address(name: str) -> bool:
-    """Return whether a name is an address of IPv4 or IPv6; one with a zone is none."""
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return '%' not in name
 
 
 def read_token(path: str) -> str:

@@ -32,7 +32,6 @@ import subprocess
 import tempfile
 import time
 
-from opencv_tools.viewer.access import is_address
 from opencv_tools.viewer.errors import ViewerError
 
 #: Value of ``certificate`` for a certificate that the node creates.
@@ -169,6 +168,15 @@ def _create_with_openssl(names: list[str], addresses: list[str]) -> str:
     except subprocess.SubprocessError as err:
         raise RuntimeError(f'{program} has failed: {err}') from err
     return created.stdout
+
+
+def is_address(name: str) -> bool:
+    """Return whether a name is an address of IPv4 or IPv6; one with a zone is none."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return '%' not in name
 
 
 def _context(certificate: str, key: str) -> ssl.SSLContext:
