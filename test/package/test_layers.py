@@ -118,7 +118,8 @@ ALLOWED = {
         'opencv_tools.topics', 'opencv_tools.transport.message_type', 'opencv_tools.video',
         'opencv_tools.viewer', 'cv2', 'rcl_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs',
         'std_srvs', 'tornado'},
-    'opencv_tools.viewer.access': {'opencv_tools.viewer.errors'},
+    'opencv_tools.viewer.access': {
+        'opencv_tools.viewer.certificate', 'opencv_tools.viewer.errors'},
     'opencv_tools.viewer.certificate': {'opencv_tools.viewer.errors'},
     'opencv_tools.viewer.errors': set(),
     'opencv_tools.viewer.protocol': {
