@@ -170,6 +170,7 @@ def _array_names(value: NDArray[Any], parent: Any) -> list[str]:
 
 # A stamp that is further from the one before than the times of the recording is a jump.
 _JUMP_NS = NANO // 2
+_STANDING = 0.001  # speed of stamps that are no times
 _STAMP_AT = 4  # offset in CDR of a stamp at the begin of a message
 LOG_REMEDY = 'use --clock log for the times of the recording'
 
@@ -234,6 +235,13 @@ class Samples:
         self.stamps.append(stamp)
         self.places.append(place)
 
+    @property
+    def speed(self) -> float:
+        """Seconds by the stamps in a second of the recording; 1.0 for one message."""
+        stamps, logs = (int(times[-1] - times[0]) if times else 0
+                        for times in (self.stamps, self.logs))
+        return stamps / logs if logs > 0 else 1.0
+
     def times(self, clock: str, name: str) -> NDArray[np.int64]:
         """
         Return the times of all messages in nanoseconds.
@@ -253,6 +261,8 @@ class Samples:
         if not stamps.all():
             raise DatasetError(f'{np.count_nonzero(stamps == 0)} stamps of {shown} are zero; '
                                f'{LOG_REMEDY}')
+        if 0 <= self.speed < _STANDING:
+            raise DatasetError(f'the stamps of {shown} stand still; {LOG_REMEDY}')
         steps, log_steps = np.diff(stamps), np.diff(logs)
         jumps = (steps < -_JUMP_NS) | (steps > np.maximum(log_steps, 0) + _JUMP_NS)
         if jumps.any():

@@ -169,6 +169,9 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
                  for name, one in samples.items() if one.left_out]
     warnings += [f'{name}: {track.late} messages are left out, because their times are not later '
                  'than those before them' for name, track in tracks.items() if track.late]
+    warnings += [f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, and '
+                 f'rows are counted by the stamps; {LOG_REMEDY}' for name, one in samples.items()
+                 if plan.clock == 'stamp' and not _SLOWEST < one.speed < 1 / _SLOWEST]
     warnings += _clock_warnings(tracks)
     offset = int(np.median([track.offset_ns for track in tracks.values()]))
     return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, offset) if events else [],
@@ -200,6 +203,9 @@ def _add(samples: Samples, item: BagMessage) -> None:
     except DatasetError as err:
         raise DatasetError(f'message {samples.count} of {printable(item.topic.name)}: {err}'
                            ) from err
+
+
+_SLOWEST = 0.7  # speed of stamps without a warning
 
 
 def _clock_warnings(tracks: dict[str, Track]) -> list[str]:

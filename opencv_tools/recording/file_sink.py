@@ -79,10 +79,10 @@ class FileWriter(Protocol):
         """Finish the file; remove it if it has no frame."""
 
 
-#: Longest step back of the stamps within a file, in nanoseconds.
+#: Longest step back of the stamps within a file in nanoseconds.
 CLOCK_JUMP_NS = NANO
 _STANDING = 1000  # times slower than arrivals: stamps of a clock that stands
-
+_TICK_NS, _SLOW = NANO // 1000, 20  # of Matroska; times slower than arrivals
 W = TypeVar('W', bound=FileWriter)
 
 
@@ -94,12 +94,12 @@ class OpenFile(Generic[W]):
     :param entry: manifest entry of the file, without its size and digest.
     :param offset_ns: difference from CLOCK_MONOTONIC to the system clock at the first frame.
     :param began_ns: arrival time of the first frame in nanoseconds of CLOCK_MONOTONIC.
-    :param is_described: whether the entry describes a frame, not only other messages.
     :param last_ns: the same of the last frame.
-    :param last_time_ns: time of the last frame in nanoseconds, as ``time_ns`` returned it; 0
-        before the first one.
+    :param is_described: whether the entry describes a frame, not only other messages.
+    :param last_time_ns: result of ``time_ns`` for the last frame; 0 before the first one.
     :param last_arrival_ns: arrival time of that frame, as ``began_ns``.
     :param last_stamp_ns: stamp of that frame; 0 for none.
+    :param uses_arrivals: whether the stamps of further frames are no times.
     """
 
     path: Path
@@ -112,6 +112,7 @@ class OpenFile(Generic[W]):
     last_time_ns: int = 0
     last_arrival_ns: int = 0
     last_stamp_ns: int = 0
+    uses_arrivals: bool = False
 
     def time_ns(self, frame: ReceivedFrame) -> int:
         """
@@ -119,15 +120,15 @@ class OpenFile(Generic[W]):
 
         It is the stamp while stamps advance as arrivals do. A stamp that stands still, or steps
         back by up to a second, is replaced by the time of the last frame and the time between both
-        arrivals. A longer step back is the begin of another file.
+        arrivals. So are steps of less than a millisecond, if the frames are slower.
         """
-        stamp_ns = frame.metadata.stamp_ns
+        stamp_ns, passed = frame.metadata.stamp_ns, max(0, frame.arrival_ns - self.last_arrival_ns)
+        step = stamp_ns - self.last_time_ns
         if not stamp_ns:
             return frame.arrival_ns + self.offset_ns
-        step = stamp_ns - self.last_time_ns
-        passed = max(0, frame.arrival_ns - self.last_arrival_ns)
         is_jump = stamp_ns < self.last_stamp_ns - CLOCK_JUMP_NS
-        if not self.last_time_ns or is_jump or step * _STANDING > passed:
+        advances = step * _STANDING > passed and (step >= _TICK_NS or step * _SLOW > passed)
+        if not self.last_time_ns or not self.uses_arrivals and (is_jump or advances):
             return stamp_ns
         return self.last_time_ns + passed
 

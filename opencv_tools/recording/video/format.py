@@ -158,6 +158,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         self._changes = 0  # of the size
         self._files = 0
         self._has_warned_of_stamps = False
+        self._jumps = 0  # steps of the stamps that began another video
         #: Publisher and number of the last packet of the video, which the next one follows.
         self._last: tuple[bytes, int] | None = None
 
@@ -195,6 +196,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def write(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
               ) -> bool:
         """Encode a frame, or copy a packet; see `FileFormat`."""
+        file.uses_arrivals |= self._jumps > 1
         time_ns = file.time_ns(frame)
         is_written = file.writer.write(prepared, time_ns)
         if is_written:
@@ -207,8 +209,11 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def continues(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
                   ) -> bool:
         """Return whether a frame fits a video; see `FileFormat`."""
-        self._check_stamp(file, frame)
-        if file.writer.fits(prepared, file.time_ns(frame)):
+        time_ns = file.time_ns(frame)
+        fits = file.writer.fits(prepared, time_ns)
+        if file.last_stamp_ns and frame.metadata.stamp_ns:
+            self._check_stamp(file, frame, time_ns, fits)
+        if fits or (file.uses_arrivals and file.writer.fits(prepared, file.time_ns(frame))):
             return True
         if (isinstance(prepared, PreparedPacket) and prepared.sets and self._files > _MANY_CHANGES
                 and 0 <= frame.arrival_ns - file.began_ns < _SHORTEST_NS):
@@ -232,17 +237,36 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
                 f'a packet of {frame.packet.codec} needs earlier packets, which are missing in '
                 'the video')
 
-    def _check_stamp(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame) -> None:
-        """Warn once of stamps that step back or stand still."""
-        stamp_ns, late = frame.metadata.stamp_ns, file.last_stamp_ns - frame.metadata.stamp_ns
-        is_used = late <= CLOCK_JUMP_NS and file.time_ns(frame) == stamp_ns
-        if is_used or not (stamp_ns and file.last_time_ns) or self._has_warned_of_stamps:
+    def _check_stamp(
+        self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, time_ns: int, fits: bool,
+    ) -> None:
+        """
+        Warn once of stamps that step back, stand still or step forward.
+
+        Only one step of each recording begins another video. Stamps of two clocks would begin one
+        for each frame.
+
+        :param fits: whether a frame with this time can continue the video.
+        """
+        step = frame.metadata.stamp_ns - file.last_stamp_ns
+        ahead = step - max(0, frame.arrival_ns - file.last_arrival_ns)
+        is_jump = step < -CLOCK_JUMP_NS or (
+            ahead > CLOCK_JUMP_NS and (not fits or self._jumps > 0))
+        is_used = time_ns == frame.metadata.stamp_ns
+        if file.uses_arrivals or not (is_jump or ahead > CLOCK_JUMP_NS or not is_used):
             return
+        self._jumps += is_jump
+        file.uses_arrivals = self._jumps > 1
+        what = (f'step back by {-step / NANO:.3g} s' if step < -_SMALL_STEP_NS else
+                f'step forward by {ahead / NANO:.3g} s' if ahead > CLOCK_JUMP_NS else
+                'stand still')
+        if file.uses_arrivals or not self._has_warned_of_stamps:
+            self.warning = f'the stamps of the frames {what}; ' + (
+                'the video goes on with the times of arrival' if file.uses_arrivals else
+                'another video begins' if is_jump else
+                'the video has this gap' if is_used else
+                'the video goes on with the times of arrival')
         self._has_warned_of_stamps = True
-        what = f'step back by {late / NANO:.3g} s' if late > _SMALL_STEP_NS else 'stand still'
-        self.warning = f'the stamps of the frames {what}; ' + (
-            'another video begins' if late > CLOCK_JUMP_NS else
-            'the video goes on with the times of arrival')
 
     def _is_next(self, frame: PacketFrame) -> bool:
         """Return whether a packet follows the last one; without numbers none is missing."""

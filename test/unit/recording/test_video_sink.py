@@ -661,4 +661,28 @@ def test_stamps_with_jitter_and_a_pause(tmp_path: Path) -> None:
     stamps = [*(5 + np.arange(20) / 30 + random.uniform(-0.01, 0.01, 20)), *range(60, 70)]
     (path,), warnings = record_stamps(tmp_path, stamps, 30)
     assert np.abs(np.array(times_of(path)) - (np.array(stamps) - stamps[0])).max() < 0.002
-    assert not warnings
+    assert warnings == [
+        'the stamps of the frames step forward by 54.3 s; the video has this gap']
+
+
+@pytest.mark.parametrize('back', [1.7, 5.0, 7200.0])
+@pytest.mark.parametrize('rate', [4, 20, 90])
+def test_stamps_of_two_clocks_begin_one_video(tmp_path: Path, rate: int, back: float) -> None:
+    stamps = [10_000 + number / rate - back * (number % 2) for number in range(40)]
+    paths, warnings = record_stamps(tmp_path, stamps, rate)
+    assert len(paths) == 2
+    assert len(warnings) == 2
+    assert 'another video begins' in warnings[0]
+    assert warnings[1].endswith('the video goes on with the times of arrival')
+    first, times = map(times_of, paths)
+    assert len(first) + len(times) == 40
+    assert np.abs(np.diff(times) - 1 / rate).max() < 0.002
+
+
+@pytest.mark.parametrize('step', [1e-7, 1e-4, 6e-4])
+def test_stamps_that_advance_less_than_a_tick(tmp_path: Path, step: float) -> None:
+    stamps = [1000 + number * step for number in range(37)]
+    (path,), warnings = record_stamps(tmp_path, stamps, 12.5)
+    assert np.abs(np.array(times_of(path)) - np.arange(37) / 12.5).max() < 0.002
+    assert warnings == ['the stamps of the frames stand still; the video goes on with the times '
+                        'of arrival']
