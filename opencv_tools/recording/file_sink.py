@@ -128,7 +128,7 @@ class OpenFile(Generic[W]):
             return frame.arrival_ns + self.offset_ns
         is_jump = stamp_ns < self.last_stamp_ns - CLOCK_JUMP_NS
         advances = step * _STANDING > passed and (step >= _TICK_NS or step * _SLOW > passed)
-        if not self.last_time_ns or not self.uses_arrivals and (is_jump or advances):
+        if not (self.last_time_ns and (self.uses_arrivals or not (is_jump or advances))):
             return stamp_ns
         return self.last_time_ns + passed
 

@@ -51,7 +51,7 @@ class _Inquiry:
     def __init__(self, node: str, questions: Iterable[Question]) -> None:
         self.questions = [*questions]
         self._ended_at = time.monotonic() + _ANSWER_SECONDS + _END_SECONDS
-        self._output = TemporaryFile()  # noqa: SIM115 (open as long as the process)
+        self._output = TemporaryFile()  # noqa: SIM115 (it is open as long as the process)
         # A process that is killed leaves nothing in /dev/shm.
         self._process = Popen(
             worker_command('opencv_tools.topics.type_questions', node, json.dumps(
@@ -70,8 +70,9 @@ class _Inquiry:
     def failure(self) -> str:
         """Why the process has not ended as it should, as a part of a sentence; '' if it has."""
         status = self._process.returncode
-        return (status and (f'the process that asked it ended with status {status}: its answer '
-                           'takes too much memory or time')) or ''
+        reason = (f'the process that asked it ended with status {status}: its answer takes too '
+                  'much memory or time')
+        return reason if status else ''
 
     def answers(self) -> dict[Question, Answer]:
         """Return the answers, after the end of the process."""
