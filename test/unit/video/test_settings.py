@@ -60,5 +60,5 @@ def test_default_settings() -> None:
 
 def test_missing_pyav(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'av', None)
-    with pytest.raises(VideoError, match=r"videos need PyAV, .*'sudo apt install python3-av'"):
+    with pytest.raises(VideoError, match=r"videos need PyAV, .*'pip install av'"):
         find_encoder(VideoSettings())
