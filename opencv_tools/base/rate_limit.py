@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.base.units import NANO
+from opencv_tools.base.units import NANO, STANDING
 
 #: Highest maximum rate in Hz.
 MAX_RATE = 1e6
@@ -24,7 +24,6 @@ MAX_RATE = 1e6
 _LONGEST_NS = 1 << 62
 # Jitter tolerance: a frame this fraction of a period early still counts as on time.
 _JITTER_TOLERANCE = 0.25
-_STANDING = 1000  # times slower than arrivals: stamps of a clock that stands
 
 
 class RateLimit:
@@ -56,7 +55,7 @@ class RateLimit:
             return True
         last_stamp, last_arrival = self._last or (0, arrival_ns)
         self._are_standing |= not stamp_ns or (
-            0 <= (stamp_ns - last_stamp) * _STANDING < arrival_ns - last_arrival)
+            0 <= (stamp_ns - last_stamp) * STANDING < arrival_ns - last_arrival)
         self._last = stamp_ns, arrival_ns
         time_ns = arrival_ns if self._are_standing else stamp_ns
         period = self._period_ns

@@ -17,3 +17,5 @@
 from __future__ import annotations
 
 NANO = 10**9  # nanoseconds in a second
+#: Stamps that advance so many times slower than the frames arrive are of a clock that stands.
+STANDING = 1000

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage
 from opencv_tools.base.text import enumerated, printable
-from opencv_tools.base.units import NANO
+from opencv_tools.base.units import NANO, STANDING
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource
 from opencv_tools.image.errors import CdrError, ImageError
@@ -170,7 +170,6 @@ def _array_names(value: NDArray[Any], parent: Any) -> list[str]:
 
 # A stamp that is further from the one before than the times of the recording is a jump.
 _JUMP_NS = NANO // 2
-_STANDING = 0.001  # speed of stamps that are no times
 _STAMP_AT = 4  # offset in CDR of a stamp at the begin of a message
 LOG_REMEDY = 'use --clock log for the times of the recording'
 
@@ -261,7 +260,7 @@ class Samples:
         if not stamps.all():
             raise DatasetError(f'{np.count_nonzero(stamps == 0)} stamps of {shown} are zero; '
                                f'{LOG_REMEDY}')
-        if 0 <= self.speed < _STANDING:
+        if 0 <= self.speed * STANDING < 1:
             raise DatasetError(f'the stamps of {shown} stand still; {LOG_REMEDY}')
         steps, log_steps = np.diff(stamps), np.diff(logs)
         jumps = (steps < -_JUMP_NS) | (steps > np.maximum(log_steps, 0) + _JUMP_NS)

@@ -25,7 +25,7 @@ from pathlib import Path
 import time
 from typing import Generic, Protocol, TypeVar
 
-from opencv_tools.base.units import NANO
+from opencv_tools.base.units import NANO, STANDING
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.recording.errors import error_text, LimitReached, UnwritableError
 from opencv_tools.recording.folder import Folder
@@ -81,7 +81,6 @@ class FileWriter(Protocol):
 
 #: Longest step back of the stamps within a file in nanoseconds.
 CLOCK_JUMP_NS = NANO
-_STANDING = 1000  # times slower than arrivals: stamps of a clock that stands
 _TICK_NS, _SLOW = NANO // 1000, 20  # of Matroska; times slower than arrivals
 W = TypeVar('W', bound=FileWriter)
 
@@ -127,7 +126,7 @@ class OpenFile(Generic[W]):
         if not stamp_ns:
             return frame.arrival_ns + self.offset_ns
         is_jump = stamp_ns < self.last_stamp_ns - CLOCK_JUMP_NS
-        advances = step * _STANDING > passed and (step >= _TICK_NS or step * _SLOW > passed)
+        advances = step * STANDING > passed and (step >= _TICK_NS or step * _SLOW > passed)
         if not (self.last_time_ns and (self.uses_arrivals or not (is_jump or advances))):
             return stamp_ns
         return self.last_time_ns + passed

@@ -199,7 +199,11 @@ class TopicTypes:
             for other in asked:
                 self._questions[other, node].is_asked = True
                 self._questions[other, node].deadline = now + _ANSWER_SECONDS
-            self._inquiries[node] = _Inquiry(name, asked)
+            try:
+                self._inquiries[node] = _Inquiry(name, asked)
+            except OSError as err:
+                del self._questions[question, node]
+                raise DefinitionError(f'{reason} cannot be asked for it: {err.strerror}') from err
         return None
 
 

@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import errno
 
 from conftest import executor_of, spin_until
 from opencv_tools.message_types.definition import DefinitionError
@@ -126,6 +127,22 @@ def test_number_of_questions_and_processes(
     assert types.find(second) is None
     assert [question[0] for question, _ in types._questions] == [second.topic_type]
     assert [name for name, _ in types._inquiries] == ['/front/camera']
+
+
+@pytest.mark.process
+def test_process_that_cannot_be_started(
+        node: Node, camera: Node, types: TopicTypes, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')
+
+    offer, _ = offers(node, camera, '/door', '/lid')
+    with monkeypatch.context() as patch:
+        patch.setattr(topic_types, 'Popen', refuse)
+        with pytest.raises(DefinitionError, match=r'/front/camera cannot be asked for it: Resource '
+                           'temporarily unavailable$'):
+            types.find(offer)
+    assert not (types._questions or types._inquiries)
+    assert types.find(offer) is None
 
 
 @pytest.mark.process
