@@ -139,7 +139,7 @@ def test_process_that_cannot_be_started(
     with monkeypatch.context() as patch:
         patch.setattr(topic_types, 'Popen', refuse)
         with pytest.raises(DefinitionError, match=r'/front/camera cannot be asked for it: Resource '
-                           'temporarily unavailable$'):
+                           r'temporarily unavailable$'):
             types.find(offer)
     assert not (types._questions or types._inquiries)
     assert types.find(offer) is None
