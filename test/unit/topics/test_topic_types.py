@@ -138,8 +138,8 @@ def test_process_that_cannot_be_started(
     offer, _ = offers(node, camera, '/door', '/lid')
     with monkeypatch.context() as patch:
         patch.setattr(topic_types, 'Popen', refuse)
-        with pytest.raises(DefinitionError, match=r'/front/camera cannot be asked for it: Resource '
-                           r'temporarily unavailable$'):
+        with pytest.raises(DefinitionError, match=r'/front/camera cannot be asked for it: '
+                           r'Resource temporarily unavailable$'):
             types.find(offer)
     assert not (types._questions or types._inquiries)
     assert types.find(offer) is None
