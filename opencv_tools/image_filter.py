@@ -120,12 +120,14 @@ class ImageFilter(FrameNode):
         """
         skipped = self._subscriber.skipped
         failed = self._failed + self._subscriber.failed
+        unfit = self._publisher.without_form
         super().close()
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{failed} failed, {skipped} skipped'
             + (f', {self._unfiltered} not filtered without subscribers'
-               if self._unfiltered else ''))
+               if self._unfiltered else '')
+            + (f', {unfit} in no form that its subscribers receive' if unfit else ''))
         return EXIT_FAILURE if failed else EXIT_OK
 
     def _lost(self) -> dict[str, int]:

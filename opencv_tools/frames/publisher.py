@@ -82,7 +82,7 @@ class FramePublisher:
         self._node = node
         self._quality = quality
         self._format = compressed_format
-        self._unsent = 0
+        self._unseen = self._unfit = 0
         self._lock = Lock()
         self._log = Log(node.get_logger())
         self._topics = FrameTopics(node, topic, video)
@@ -100,7 +100,12 @@ class FramePublisher:
     @property
     def without_subscribers(self) -> int:
         """Return the number of images that were not sent, because nobody had subscribed."""
-        return self._unsent
+        return self._unseen
+
+    @property
+    def without_form(self) -> int:
+        """Return the number of images that were sent in no form that had subscribers."""
+        return self._unfit
 
     def publish(
         self, image: NDArray[np.generic], source: Frame | Header | None = None, *,
@@ -157,15 +162,17 @@ class FramePublisher:
             encoding, image.shape[1], encoding.height(image.shape[0]), self._format))
         if slot and (is_compressed or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
-        is_sent = is_compressed or self._topics.has_subscribers
-        self._topics.publish_raw(lambda _: (array_to_wire(image, encoding, header), slot))
+        is_sent = self._topics.publish_raw(
+            lambda _: (array_to_wire(image, encoding, header), slot)) is not None
         if is_compressed:
-            compressed.publish(lambda: self._compress(image, encoding, header))
+            is_sent |= compressed.publish(lambda: self._compress(image, encoding, header))
         if video and slot is None:
-            video.publish(lambda: (image, encoding.name), header)
+            is_sent |= bool(video.publish(lambda: (image, encoding.name), header))
         if not is_sent:
+            is_wanted = self._topics.has_subscribers
             with self._lock:
-                self._unsent += 1
+                self._unfit += is_wanted
+                self._unseen += not is_wanted
 
     def _header_of(self, source: Frame | Header | None) -> WireHeader:
         """Return the header of a frame, or one with the time of the node."""

@@ -137,7 +137,12 @@ class BagMessages:
         self._channels: dict[tuple[str, str], BagChannel] = {}
         self._image_topics: dict[str, str] = {}
         self._throttle = Throttle()
-        info_topic = camera_info_topic(topic, node.count_publishers)
+        self._images = topic
+        self._checks = 0
+        # The first messages of camera_info, until the check of its topic was repeated: the one of
+        # rectified images may be discovered later than that of the camera.
+        self._held: list[RecordedMessage] | None = []
+        info_topic = self._info_topic()
         self._subscribe(info_topic, offers_of(self._node, info_topic, CAMERA_INFO))
 
     def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
@@ -150,13 +155,19 @@ class BagMessages:
         type_name = type_of(received)
         if type_name == IMAGE:
             topic = self._topic_of_images(topic)
+        self._images = topic
         if self._throttle.passes('camera_info', _CHECK_SECONDS):
-            self._follow_camera_info(camera_info_topic(topic, self._node.count_publishers))
+            self._follow_camera_info()
         return frame_of(received, self._channel(topic, type_name),
                         self._arrivals.arrival_ns(received.receive_ns))
 
     def close(self) -> None:
         """Pass on the messages of camera_info that have arrived, and unsubscribe."""
+        self._unsubscribe()
+        if self._info_topic() == self._topic:
+            self._release()
+
+    def _unsubscribe(self) -> None:
         for _ in range(_DEPTH):
             taken = take_serialized(self._subscription.handle)
             if taken is None:
@@ -165,12 +176,27 @@ class BagMessages:
             self._pass_on(serialized, info.received_timestamp, info.source_timestamp, info.number)
         self._node.destroy_subscription(self._subscription)
 
-    def _follow_camera_info(self, topic: str) -> None:
+    def _info_topic(self) -> str:
+        return camera_info_topic(self._images, self._node.count_publishers)
+
+    def _follow_camera_info(self) -> None:
         """Subscribe again if the topic has changed, or its publishers offer something else."""
+        topic = self._info_topic()
         offers = offers_of(self._node, topic, CAMERA_INFO)
         if topic != self._topic or (offers and _qos(offers) != self._qos):
-            self.close()
+            self._unsubscribe()
+            if topic != self._topic and self._held:
+                self._held.clear()
             self._subscribe(topic, offers)
+        elif self._checks:
+            self._release()
+        self._checks += 1
+
+    def _release(self) -> None:
+        """Pass on the first messages, and hold none from now on."""
+        held, self._held = self._held, None
+        for message in held or ():
+            self._on_message(message)
 
     def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
         self._topic, self._qos = topic, _qos(offers)
@@ -190,9 +216,15 @@ class BagMessages:
                 f'camera_info has at most {_MAX_BYTES}', every=_WARNING_SECONDS, key='camera_info')
             return
         log_ns = received_ns or time.time_ns()
-        self._on_message(RecordedMessage(
+        message = RecordedMessage(
             channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
-            publish_ns=source_ns or log_ns, number=number))
+            publish_ns=source_ns or log_ns, number=number)
+        if self._held is None:
+            self._on_message(message)
+            return
+        self._held.append(message)
+        if len(self._held) == _DEPTH:
+            self._release()
 
     def _topic_of_images(self, topic: str) -> str:
         """Return the topic of raw images, which may be decoded from a video topic."""

@@ -200,6 +200,11 @@ class FrameQueue:
                 self._skip_above(self._frames, max(self._capacity, held))
                 self.lock.notify()
 
+    def forget_infos(self) -> None:
+        """Remove the calibrations, which were those of another topic."""
+        with self.lock:
+            self._infos.clear()
+
     def pop(self) -> QueuedFrame | None:
         """Remove and return the oldest frame, or return None."""
         with self.lock:

@@ -259,16 +259,21 @@ class InfoReader:
 
     def follow(self) -> None:
         """Subscribe, or subscribe to another topic if that belongs to the images now."""
-        topic = camera_info_topic(self._images, self._node.count_publishers)
+        topic = self._current()
         if topic != self.topic:
             self.destroy()
+            self._queue.forget_infos()
             self.topic = topic
             self._subscription = destroyable(self._node.create_subscription(
                 CameraInfo, topic, self._receive, qos_profile_sensor_data))
 
+    def _current(self) -> str:
+        return camera_info_topic(self._images, self._node.count_publishers)
+
     def _receive(self, info: CameraInfo) -> None:
-        self._queue.put_info(info)
-        self._wake_ups.wake()
+        if self._current() == self.topic:  # otherwise `follow` has not noticed yet
+            self._queue.put_info(info)
+            self._wake_ups.wake()
 
     def destroy(self) -> None:
         """Unsubscribe."""

@@ -127,6 +127,11 @@ class ImageTopics:
         """Return whether any topic has a subscriber."""
         return any(topics.has_subscribers for topics in self._all)
 
+    @property
+    def has_frame_subscribers(self) -> bool:
+        """Whether a topic of images or video has a subscriber, not only one of calibration."""
+        return any(topics.frames.has_subscribers for topics in self._all)
+
     def publish(
         self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,
     ) -> bool:
@@ -136,8 +141,8 @@ class ImageTopics:
         :param output: frame to publish.
         :param is_live: whether a subscriber that is late loses frames; the publisher of a file
             waits for it.
-        :returns: whether any topic has a subscriber; for a frame that is not due, whether its
-            packet was published.
+        :returns: whether the frame was published in any form, not only its calibration; for a
+            frame that is not due, whether its packet was.
         :raises ImageError: the frame cannot be decoded or converted.
         """
         header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
@@ -196,7 +201,7 @@ class ImageTopics:
                        'file of the calibration')
             if failure != self._failure and self._log.error(failure, every=1.0, key=_RECTIFIED):
                 self._failure = failure
-            return True
+            return False
         if is_published:
             self._failure = ''
         return is_published

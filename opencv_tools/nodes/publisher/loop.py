@@ -132,6 +132,7 @@ class PublishLoop:
             self._open_source, settings.capture, self._events, topics)
         self._is_live = False  # until the source is open
         self._unseen = 0  # frames without subscribers
+        self._unfit = 0  # frames that were not sent in a form that has subscribers
         self._captured = ''  # encoding of the frames of a file; a camera has several
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
         self._diagnostics = Diagnostics(node, self._source_status)
@@ -191,11 +192,12 @@ class PublishLoop:
         may_wait = not (self._is_live or self.settings.wait_for_subscribers)
         if may_wait and 0 < self._unseen < self._progress.count:
             unseen += ' (wait_for_subscribers:=1 waits for the first one)'
+        unfit = (f', {self._unfit} in no form that its subscribers receive' if self._unfit else '')
         others = (f'; {self._topic_player.count} messages of other topics'
                   if self._topic_player else '')
         return (f'Published {self._progress.count} frames at '
                 f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped'
-                f'{missed}{unseen}{others}')
+                f'{missed}{unseen}{unfit}{others}')
 
     def check_changes(self, changes: dict[str, Any]) -> None:
         """
@@ -249,18 +251,20 @@ class PublishLoop:
         except ParameterError as err:
             self._log.error(str(err))
         if frame is None:
-            self._count_unseen()
+            self._count_unsent()
             return
         self._captured = '' if self._is_live else frame.encoding
         output = OutputImage(frame, self.settings.capture)
         stamp, frame_id = self._headers.header(frame, self.settings)
         try:
-            if not self._topics.publish(output, stamp, frame_id, is_live=self._is_live):
-                if frame.is_due:
-                    self._count_unseen()
-                return
+            is_published = self._topics.publish(
+                output, stamp, frame_id, is_live=self._is_live)
             if self.camera and self._topics.needs_key_frame:
                 self.camera.request_key_frame()
+            if not is_published:
+                if frame.is_due:
+                    self._count_unsent()
+                return
             description = output.description
             reduction = describe_reduction(frame.encoding, self.settings.capture.encoding)
             if reduction:
@@ -278,10 +282,13 @@ class PublishLoop:
         self._progress.tick(
             description, dropped=self._events.dropped, missed=self._grabber.missed)
 
-    def _count_unseen(self) -> None:
-        self._unseen += 1
+    def _count_unsent(self) -> None:
+        is_wanted = self._topics.has_frame_subscribers
+        self._unfit += is_wanted
+        self._unseen += not is_wanted
         self._progress.tick(
-            'no subscribers', dropped=self._events.dropped, missed=self._grabber.missed)
+            'not in a form with subscribers' if is_wanted else 'no subscribers',
+            dropped=self._events.dropped, missed=self._grabber.missed)
         self._diagnostics.count()
 
     def _open_source(self) -> Source:

@@ -117,7 +117,7 @@ class OutputTopics:
 
         :param output: image to publish.
         :param is_live: whether a subscriber that is late loses frames.
-        :returns: whether any topic has a subscriber.
+        :returns: whether the image was published in any form.
         :raises ImageError: the image cannot be decoded or converted.
         """
         self.frames.shared.deliver = None if is_live else self._backlog.deliver
@@ -152,7 +152,7 @@ class OutputTopics:
             try:
                 is_published = publish() or is_published
             except KeyFrameNeeded:  # of a camera; its next key frame comes soon
-                is_published = self.waits_for_key = True
+                self.waits_for_key = True
             except ImageError as err:
                 failure = failure or err  # the JPEG of the camera may still be published
         if failure:
@@ -178,18 +178,19 @@ class OutputTopics:
         if is_message:
             self._check_room(output.image.nbytes)
             self._backlog.add(self.frames.images)
-        if not self._infos.get_subscription_count():
-            return is_message is not None
-        self._infos.publish(camera_info())
-        self._backlog.add(self._infos)
-        return True
+        if self._infos.get_subscription_count():
+            self._infos.publish(camera_info())
+            self._backlog.add(self._infos)
+        return is_message is not None
 
     def _publish_compressed(self, output: OutputImage, header: WireHeader) -> bool:
         topic = self.frames.compressed
-        if (self.frames.has_image_subscribers and topic.is_due(output.why_not_compressed)
-                and topic.publish(lambda: compressed_message(output, header))):
+        is_published = (
+            self.frames.has_image_subscribers and topic.is_due(output.why_not_compressed)
+            and topic.publish(lambda: compressed_message(output, header)))
+        if is_published:
             self._backlog.add(topic)
-        return topic.count_subscribers() > 0
+        return is_published
 
     def _publish_video(self, output: OutputImage, header: WireHeader) -> bool:
         video = self.frames.video

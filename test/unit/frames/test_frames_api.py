@@ -340,6 +340,27 @@ def test_images_without_subscribers_are_counted(node: Node, subscribed: str) -> 
     with publisher.loan(4, 5) as loan:
         loan.image[:] = 1
     assert publisher.without_subscribers == 7
+    assert publisher.without_form == 0
+    publisher.destroy()
+
+
+@pytest.mark.parametrize(('subscribed', 'kind', 'encoding', 'sent'), [
+    ('result/compressed', CompressedImage, '32FC1', 0),
+    ('result/compressed', CompressedImage, '16UC3', 2),
+    ('result/compressed', CompressedImage, '8UC2', 0),
+    ('result', Image, '32FC1', 2),
+])
+def test_images_without_a_form_are_counted(
+        node: Node, subscribed: str, kind: type, encoding: str, sent: int) -> None:
+    publisher = FramePublisher(node, 'result')
+    node.create_subscription(kind, subscribed, lambda _: None, 10)
+    spin_until(node, lambda: publisher.has_subscribers)
+    shape = (4, 5) if encoding == '32FC1' else (4, 5, int(encoding[-1]))
+    kinds = {'3': 'float32', '1': 'uint16', '8': 'uint8'}
+    image = np.ones(shape, kinds[encoding[0]])
+    for _ in range(2):
+        publisher.publish(image, encoding=encoding)
+    assert (publisher.without_form, publisher.without_subscribers) == (2 - sent, 0)
     publisher.destroy()
 
 

@@ -104,7 +104,7 @@ def test_compressed_topic_follows_the_format(
         return topics.publish(output, Time(sec=number), 'eye', is_live=False)
 
     for number, encoding in enumerate(('32FC1', '8UC2', '16SC1', '64FC3')):
-        assert publish(number, encoding)
+        assert not publish(number, encoding)
         spin_until(node, lambda: not node.count_publishers(f'{TOPIC}/compressed'))
     assert topics.has_subscribers()  # which wait for a frame that has a compressed form
     assert topics.backlog.wait_for_all()

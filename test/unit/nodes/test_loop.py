@@ -20,6 +20,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from conftest import spin_until
+import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError
 from opencv_tools.nodes.parameters import with_values
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
@@ -34,6 +36,7 @@ from played_bags import Entry, image_entry, write_mcap
 import pytest
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
@@ -161,6 +164,28 @@ def test_frames_before_the_first_subscriber(
     assert loop.run() == EXIT_OK
     assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers '
                                    '(wait_for_subscribers:=1 waits for the first one)')
+
+
+@pytest.mark.parametrize(('subscribed', 'kind', 'encoding', 'unsent'), [
+    ('video_frames', Image, '32FC1', ''),
+    ('video_frames/compressed', CompressedImage, 'mono16', ''),
+    ('video_frames/compressed', CompressedImage, '32FC3',
+     ', 3 in no form that its subscribers receive'),
+    ('camera_info', CameraInfo, 'bgr8', ', 3 without subscribers'),
+])
+def test_frames_without_a_form_for_their_subscriber(
+        node: Node, tmp_path: Path, subscribed: str, kind: type, encoding: str, unsent: str,
+) -> None:
+    dtype, shape = ('uint16', (4, 6)) if encoding == 'mono16' else (
+        ('uint8', (4, 6, 3)) if encoding == 'bgr8' else
+        ('float32', (4, 6, 3)[:2 + encoding.endswith('3')]))
+    path = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(number, np.ones(shape, dtype), encoding) for number in range(1, 4)])
+    loop = create_loop(node, source=str(path), publish_rate=0.0, encoding='')
+    node.create_subscription(kind, subscribed, lambda _: None, 10)
+    spin_until(node, loop._topics.has_subscribers)
+    assert loop.run() == EXIT_OK
+    assert loop.summary().partition(' Hz, ')[2] == f'0 dropped{unsent}'
 
 
 @pytest.mark.parametrize('encoding', ['nv12', 'yuv422', 'bayer_rggb8'])
