@@ -180,8 +180,8 @@ class NodeCamera:
         nodes = await self._nodes()
 
         async def read(control: CameraControl) -> dict[str, Any]:
-            return {'former': await read_former(
-                control, camera_info_topic(self._topic), nodes)}
+            name = camera_info_topic(self._topic, control.node.count_publishers)
+            return {'former': await read_former(control, name, nodes)}
 
         found: Former = (await self._hub.control(read))['former']
         return found

@@ -87,7 +87,7 @@ class CameraOverlay:
         """Return why nothing is drawn; '' if something is."""
         if self.source.refusal or self._problem:
             return self.source.refusal or self._problem
-        return '' if self._sent else f'no message on {printable(self.source.key[0])} yet'
+        return '' if self._sent else f'no camera_info of {printable(self._topic)} yet'
 
 
 def camera_json(data: bytes, topic: str, size: tuple[int, int]) -> dict[str, Any]:

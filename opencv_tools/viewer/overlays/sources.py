@@ -23,7 +23,6 @@ from typing import Any, TypeVar
 
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.overlays.boxes import (
@@ -172,7 +171,7 @@ class OverlaySources:
 
     def camera(self, image_topic: str) -> CameraInfoSource:
         """Return the source of the calibration of an image topic."""
-        return self._acquire(CameraInfoSource, (camera_info_topic(image_topic), CALIBRATION))
+        return self._acquire(CameraInfoSource, (image_topic, CALIBRATION))
 
     def open(self, source: Source) -> None:  # noqa: A003
         """Read a topic, or try it again after a refusal."""

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
+from opencv_tools.image.topic_names import camera_info_topic
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.timers import create_steady_timer
@@ -66,16 +67,19 @@ class OverlayTopics:
         """
         Read a topic, until it is closed, or is found to have ended.
 
+        :param key: name and type of the topic; for a calibration the name of the image topic.
         :raises RequestError: there is no such topic, or the parameter ``topics`` forbids it.
         """
         name, type_name = key
-        if key in self._open and self._offers(key):
+        is_calibration = type_name == CALIBRATION
+        if is_calibration:
+            name = camera_info_topic(name, self._node.count_publishers)
+        offers = self._offers(name, type_name)
+        if key in self._open and offers:
             return
         self.close(key)
         if name not in self._published(type_name):
             raise RequestError(f'{printable(name)} is not a published topic of {type_name}', 404)
-        offers = self._offers(key)
-        is_calibration = type_name == CALIBRATION
         depth, seconds = (1, _CALIBRATION_SECONDS) if is_calibration else (_DEPTH, _SECONDS)
         reader = MessageReader(
             self._node, message_type(type_name), name, following_qos(offers, depth))
@@ -108,11 +112,10 @@ class OverlayTopics:
     def _published(self, type_name: str) -> Iterator[str]:
         for name in image_topics(self._node, {type_name}):
             is_wanted = type_name == CALIBRATION or self._is_wanted(name)  # it is of a camera
-            if is_wanted and self._offers((name, type_name)):
+            if is_wanted and self._offers(name, type_name):
                 yield name
 
-    def _offers(self, key: OverlayKey) -> list[QoSProfile]:
+    def _offers(self, name: str, type_name: str) -> list[QoSProfile]:
         """Return what the publishers of a topic offer."""
-        name, type_name = key
         return [info.qos_profile for info in self._node.get_publishers_info_by_topic(name)
                 if info.topic_type == type_name]

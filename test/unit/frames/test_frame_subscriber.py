@@ -41,8 +41,9 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, Image
 from sharing import Camera, TOPIC
 from std_msgs.msg import String
 from waiting import pause, wait_until
@@ -280,6 +281,38 @@ def test_calibration_of_frames_at_full_speed(camera: Node, node: Node) -> None:
     assert errors == []
     assert all(number == width for number, width in widths.items())
     assert receiver.numbers == sorted(set(receiver.numbers))
+
+
+def test_rectified_images_never_get_the_calibration_of_the_raw_ones(
+        node: Node, camera: Node) -> None:
+    pairs: list[tuple[int, int]] = []
+    subscriber = FrameSubscriber(
+        node, '/front/image_rect',
+        lambda frame: pairs.append((frame.stamp.sec, frame.camera_info.width)),
+        every=True, camera_info=True)
+    images = camera.create_publisher(Image, 'image_rect', 10)
+    raw = camera.create_publisher(CameraInfo, 'camera_info', 10)
+    spin_until(node, lambda: raw.get_subscription_count() == images.get_subscription_count() == 1)
+
+    def send(publisher: Publisher, sec: int, width: int) -> None:
+        message = CameraInfo(width=width)
+        message.header.stamp.sec = sec
+        publisher.publish(message)
+
+    send(raw, 1, 100)
+    spin_until(node, lambda: bool(subscriber._subscription._queue._infos))
+    own = camera.create_publisher(CameraInfo, 'image_rect/camera_info', 10)
+    spin_until(node, lambda: node.count_publishers(own.topic_name) > 0)
+    send(raw, 2, 100)  # perhaps before the next poll
+    spin_until(node, lambda: own.get_subscription_count() > 0)
+    for sec in (1, 2, 3):
+        image = Image(height=1, width=1, encoding='mono8', step=1, data=[0])
+        image.header.stamp.sec = sec
+        images.publish(image)
+        send(own, sec, 200 + sec)
+    spin_until(node, lambda: len(pairs) == 3)
+    assert pairs == [(1, 201), (2, 202), (3, 203)]
+    subscriber.destroy()
 
 
 REFUSED: list[tuple[dict[str, Any], str]] = [

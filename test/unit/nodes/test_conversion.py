@@ -17,16 +17,23 @@
 from __future__ import annotations
 
 import struct
+from typing import NamedTuple
 
+from conftest import spin_until
 import cv2
 import numpy as np
 from opencv_tools.base.units import NANO
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
 from opencv_tools.image.errors import SizeError
-from opencv_tools.nodes.conversion import FrameConverter
+from opencv_tools.base.logs import Log
+from opencv_tools.nodes.conversion import BagMessages, FrameConverter
+from opencv_tools.recording.bag_sink import RecordedMessage
 from opencv_tools.recording.naming import FrameMetadata
+from opencv_tools.topics.queue import ReceivedMessage
 import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
 
 HEADER = WireHeader(1, 2, 'camera')
 COLOR = np.random.default_rng(1).integers(0, 256, (37, 53, 3), np.uint8)
@@ -89,3 +96,72 @@ def test_pixel_limit_belongs_to_the_frame() -> None:
     assert np.array_equal(frame.decode().image, COLOR)
     with pytest.raises(SizeError):
         FrameConverter(CvBridge(), 53 * 37 - 1).convert(message, '', 1)
+
+
+RECTIFIED = '/front/image_rect'
+
+
+class Recording(NamedTuple):
+    """A recording of the camera_info beside rectified images, and the messages of a camera."""
+
+    messages: BagMessages
+    recorded: list[RecordedMessage]
+
+    def add_frame(self) -> None:
+        self.messages.frame(
+            ReceivedMessage(raw_image(bytes(9), 1, 3), 1, publish_ns=1, number=1), RECTIFIED)
+
+    @property
+    def topics(self) -> list[str]:
+        return [message.channel.topic for message in self.recorded]
+
+
+@pytest.mark.parametrize('is_discovered_late', [True, False])
+@pytest.mark.parametrize('count', [1, 3, 20])
+def test_early_camera_info_of_the_raw_images_is_not_recorded(
+        node: Node, camera: Node, is_discovered_late: bool, count: int) -> None:
+    raw = camera.create_publisher(CameraInfo, 'camera_info', 10)
+    recorded: list[RecordedMessage] = []
+    recording = Recording(
+        BagMessages(node, RECTIFIED, Log(node.get_logger()), recorded.append), recorded)
+    held = recording.messages._held
+    assert held is not None
+
+    def receive() -> bool:
+        if raw.get_subscription_count():
+            raw.publish(CameraInfo())
+        return len(held) >= count
+
+    spin_until(node, receive)
+    if is_discovered_late:
+        rectified = camera.create_publisher(CameraInfo, f'{RECTIFIED}/camera_info', 10)
+        spin_until(node, lambda: bool(node.count_publishers(rectified.topic_name)))
+        recording.add_frame()
+        spin_until(node, lambda: rectified.get_subscription_count() > 0)
+        rectified.publish(CameraInfo())
+        spin_until(node, lambda: len(held) == 1)
+    else:
+        recording.add_frame()
+    assert not recorded
+    recording.messages.close()
+    assert recording.topics == (
+        [f'{RECTIFIED}/camera_info'] if is_discovered_late else ['/front/camera_info'] * len(held))
+
+
+def test_camera_info_is_recorded_at_once_after_the_second_check(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = camera.create_publisher(CameraInfo, 'camera_info', 10)
+    recorded: list[RecordedMessage] = []
+    recording = Recording(
+        BagMessages(node, '/front/image', Log(node.get_logger()), recorded.append), recorded)
+    spin_until(node, lambda: raw.get_subscription_count() > 0)
+    monkeypatch.setattr(recording.messages._throttle, 'passes', lambda *_: True)
+    recording.add_frame()
+    raw.publish(CameraInfo())
+    spin_until(node, lambda: bool(recording.messages._held))
+    assert not recorded
+    recording.add_frame()
+    assert len(recorded) == 1
+    raw.publish(CameraInfo())
+    spin_until(node, lambda: len(recorded) == 2)
+    recording.messages.close()

@@ -17,17 +17,19 @@ from __future__ import annotations
 
 from typing import Any
 
+from conftest import spin_until
 import numpy as np
 from opencv_tools.image.errors import ImageError
 from opencv_tools.viewer.overlays.page_overlays import camera_json, CameraOverlay, MAX_INFO_BYTES
 from opencv_tools.viewer.overlays.sources import CameraInfoSource
-from opencv_tools.viewer.overlays.topics import CALIBRATION
+from opencv_tools.viewer.overlays.topics import CALIBRATION, OverlayTopics
 import pytest
-from rclpy.serialization import serialize_message
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CameraInfo
 
 SIZE = 640, 480
-KEY = '/front/camera_info', CALIBRATION
+KEY = '/front', CALIBRATION
 
 
 def info(**fields: Any) -> CameraInfo:
@@ -68,7 +70,7 @@ def test_overlay_is_sent_when_it_has_changed() -> None:
     source = CameraInfoSource(KEY)
     overlay = CameraOverlay(source, '/front', lambda: size[-1] if size else None, sent.append)
     source.watchers.add(overlay.look)
-    assert overlay.describe() == 'no message on /front/camera_info yet'
+    assert overlay.describe() == 'no camera_info of /front yet'
     for sec in range(3):
         message = info()
         message.header.stamp.sec = sec
@@ -88,3 +90,23 @@ def test_overlay_is_sent_when_it_has_changed() -> None:
     assert overlay.describe().startswith('no point of the undistorted view is near the image')
     source.receive([serialize_message(info())])
     assert overlay.describe() == ''
+
+
+@pytest.mark.parametrize(('image', 'expected'), [
+    ('/front/image_rect', 400), ('/front/image', 300), ('/front/image_raw/compressed', 300)])
+def test_calibration_that_belongs_to_an_image_topic(
+        node: Node, camera: Node, image: str, expected: int) -> None:
+    publishers = {
+        300: camera.create_publisher(CameraInfo, 'camera_info', 10),
+        400: camera.create_publisher(CameraInfo, 'image_rect/camera_info', 10)}
+    for publisher in publishers.values():
+        spin_until(node, lambda name=publisher.topic_name: node.count_publishers(name) > 0)
+    source = CameraInfoSource((image, CALIBRATION))
+    topics = OverlayTopics(node, lambda _: True)
+    topics.open(source.key, source.receive)
+    spin_until(node, lambda: publishers[expected].get_subscription_count() > 0)
+    for width, publisher in publishers.items():
+        publisher.publish(info(width=width))
+    spin_until(node, lambda: bool(source.newest))
+    assert deserialize_message(source.newest, CameraInfo).width == expected
+    topics.close_all()
