@@ -50,15 +50,20 @@ def _run(name: str, failure: int, run: Callable[[], int]) -> int:
         return failure
 
 
+def _load_ros(name: str, module: str, load: Callable[[str], Any] = _load) -> Any:
+    """Import a module that uses ROS; exit with 2 if a variable keeps ROS from starting."""
+    sentence = import_module('opencv_tools.base.remedies').explain_variables()
+    if sentence:  # rcl would end the process with status 102, or wait for ever
+        print(f'{name}: error: {sentence}', file=sys.stderr)
+        raise SystemExit(2)
+    return load(module)
+
+
 def _run_node(name: str, module: str, load: Callable[[str], Any] = _load) -> int:
     def run() -> int:
         if sys.argv[1:2] in (['-h'], ['--help'], ['--version']):
             return int(_load('opencv_tools.nodes.help_text').show_help(name, sys.argv[1]))
-        sentence = import_module('opencv_tools.base.remedies').explain_variables()
-        if sentence:  # rcl would end the process with status 102, or wait for ever
-            print(f'{name}: error: {sentence}', file=sys.stderr)
-            return 2
-        return int(load(module).main())
+        return int(_load_ros(name, module, load).main())
 
     # A shell script starts background processes with SIGINT ignored. A node ends in spite of it.
     return end_at_signals(lambda: _run(name, 1, run), status=0, ignorable=(signal.SIGHUP,))
@@ -76,7 +81,7 @@ def img_calibrate() -> int:
 
 
 def _search_topics(*arguments: Any) -> Any:
-    return _load('opencv_tools.topic_views').search_topics(*arguments)
+    return _load_ros('img_calibrate', 'opencv_tools.topic_views').search_topics(*arguments)
 
 
 def img_convert() -> int:

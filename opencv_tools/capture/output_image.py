@@ -32,7 +32,7 @@ from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import JpegError, SizeError
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
-from opencv_tools.image.picture_formats import why_not_compressed
+from opencv_tools.image.picture_formats import compressed_form, reduction, why_not_compressed
 from opencv_tools.image_codecs import (
     check_complete, convert_image, decode_compressed, decode_image,
     encode_compressed, turn_image)
@@ -179,6 +179,14 @@ class OutputImage:
         return turn_image(_native(image, target), flip, degrees, out), target
 
 
+def compressed_reduction(output: OutputImage) -> str:
+    """Return what the compressed form of an image loses, as `reduction` says it."""
+    if _is_kept(output):
+        return ''
+    encoding = find_encoding(output.encoding)
+    return reduction(encoding, compressed_form(encoding, output.settings.compressed_format)[1])
+
+
 @lru_cache  # called for each frame
 def describe_reduction(captured: str, published: str) -> str:
     """
@@ -189,11 +197,7 @@ def describe_reduction(captured: str, published: str) -> str:
     """
     if captured in (JPEG, VIDEO) or not published:
         return ''
-    before, after = find_encoding(captured), find_encoding(published)
-    lost = 8 * (np.dtype(before.dtype).itemsize - np.dtype(after.dtype).itemsize)
-    has_lost_alpha = before.channels == 4 and after.channels < 4
-    what = f'{lost} bits' if lost > 0 else 'alpha' if has_lost_alpha else ''
-    return what and f'{before.name} images lose {what} in {after.name}'
+    return reduction(find_encoding(captured), find_encoding(published))
 
 
 def check_conversion(captured: str, published: str) -> None:

@@ -30,7 +30,8 @@ from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.errors import EncodingError, VideoError
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.image.picture_formats import COMPRESSED_FORMATS, why_not_compressed
+from opencv_tools.image.picture_formats import (
+    compressed_form, COMPRESSED_FORMATS, reduction, why_not_compressed)
 from opencv_tools.image_codecs import encode_compressed
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
@@ -165,7 +166,9 @@ class FramePublisher:
         is_sent = self._topics.publish_raw(
             lambda _: (array_to_wire(image, encoding, header), slot)) is not None
         if is_compressed:
-            is_sent |= compressed.publish(lambda: self._compress(image, encoding, header))
+            is_sent |= compressed.publish(
+                lambda: self._compress(image, encoding, header),
+                reduction(encoding, compressed_form(encoding, self._format)[1]))
         if video and slot is None:
             is_sent |= bool(video.publish(lambda: (image, encoding.name), header))
         if not is_sent:

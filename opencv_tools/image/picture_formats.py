@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import itertools
 
+import numpy as np
 from opencv_tools.image.encodings import Encoding, find_encoding
 
 
@@ -72,6 +73,18 @@ def compressed_form(encoding: Encoding, wanted: str) -> tuple[str, Encoding]:
     codec = wanted if wanted != 'auto' else 'jpeg' if is_small and not has_alpha else 'png'
     order = 'mono' if encoding.order == 'y' else 'bgra' if has_alpha and codec == 'png' else 'bgr'
     return codec, find_encoding(f'{order}{8 if is_small or codec == "jpeg" else 16}')
+
+
+def reduction(before: Encoding, after: Encoding) -> str:
+    """
+    Return what a conversion loses, as in ``mono16 images lose 8 bits in bgr8``.
+
+    :returns: the sentence; '' if all bits and alpha are kept.
+    """
+    lost = 8 * (np.dtype(before.dtype).itemsize - np.dtype(after.dtype).itemsize)
+    has_lost_alpha = before.channels == 4 and after.channels < 4
+    what = f'{lost} bits' if lost > 0 else 'alpha' if has_lost_alpha else ''
+    return what and f'{before.name} images lose {what} in {after.name}'
 
 
 def why_not_compressed(encoding: Encoding, width: int, height: int, wanted: str) -> str:

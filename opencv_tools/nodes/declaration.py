@@ -98,12 +98,14 @@ def warn_unknown_parameters(node: Node, table: Sequence[Parameter], log: Log) ->
 
 
 def closest_name(name: str, table: Sequence[Parameter]) -> str:
-    """Return the name that a misspelt name, or one of another package, stands for; '' if none."""
-    for parameter in table:
-        if name in parameter.other_names:
-            return parameter.name
-    return next(iter(difflib.get_close_matches(
-        name, [parameter.name for parameter in table], 1)), '')
+    """Return what a misspelt name, or one of another package, stands for; '' if unknown."""
+    lower = name.lower()
+    meant = [parameter.name for parameter in table if lower in parameter.other_names]
+    if meant:
+        return ' and '.join(meant)
+    names = [parameter.name for parameter in table]
+    parts = [one for one in lower.split('_') if one in names]  # as in loop_video
+    return next(iter(parts or difflib.get_close_matches(lower, names, 1)), '')
 
 
 def describe_unknown(name: str, table: Sequence[Parameter]) -> str:

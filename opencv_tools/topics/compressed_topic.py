@@ -87,10 +87,11 @@ class CompressedTopic:
                 self._remove()
             return False
 
-    def publish(self, make: Callable[[], Any]) -> bool:
+    def publish(self, make: Callable[[], Any], loss: str) -> bool:
         """
         Publish an image. An error of the codec is logged.
 
+        :param loss: what the image loses in its compressed form, logged once; '' for nothing.
         :param make: creates the message, or its CDR.
         :returns: whether it was published.
         """
@@ -100,6 +101,8 @@ class CompressedTopic:
             self._log.error(f'no image on {self.topic_name}: {err}', every=_LOGGED_SECONDS,
                             key='compressed')
             return False
+        if loss:
+            self._log.warning(f'{loss} on {self.topic_name}, as its format jpeg has it', once=loss)
         with self._lock:
             if self._publisher:  # another thread may publish other frames
                 self._publisher.publish(message)

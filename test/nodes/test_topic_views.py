@@ -165,6 +165,19 @@ def test_topic_with_an_invalid_name(calibrate: Callable[..., NodeProcess]) -> No
 
 
 @pytest.mark.process
+@pytest.mark.parametrize(('name', 'value'), [
+    ('ROS_DOMAIN_ID', 'abc'), ('ROS_DOMAIN_ID', '233'), ('RMW_IMPLEMENTATION', 'rmw_none_cpp')])
+def test_environment_with_which_ros_cannot_start(
+        calibrate: Callable[..., NodeProcess], monkeypatch: pytest.MonkeyPatch, name: str,
+        value: str) -> None:
+    monkeypatch.setenv(name, value)
+    process = calibrate('--topic', '/a', '--board', 'chessboard:9x6:25mm')
+    assert process.finish() == 2
+    assert f"{name} is '{value}'" in process.output
+    assert 'rcl' not in process.output.replace("'rmw_none_cpp'", '')
+
+
+@pytest.mark.process
 def test_topic_without_ros() -> None:
     script = ('import sys; sys.modules["rclpy"] = None\n'
               'from opencv_tools.commands import img_calibrate\nsys.exit(img_calibrate())')

@@ -54,7 +54,7 @@ class CameraRequest:
         changeable=True, other_names=('image_width', 'image_size'))
     height: int = parameter(
         0, 'Height of the camera image in pixels; 0 for the default (480)', bounds=(0, 1 << 16),
-        changeable=True, other_names=('image_height',))
+        changeable=True, other_names=('image_height', 'image_size'))
     fps: float = rate_parameter(
         0.0, 'Frame rate requested from the camera in Hz; 0 for the default (30)', MAX_RATE,
         changeable=True, other_names=('framerate', 'frame_rate', 'time_per_frame'))

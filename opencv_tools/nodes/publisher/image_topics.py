@@ -123,14 +123,14 @@ class ImageTopics:
                     self.awaited = 0
         return not self.awaited
 
-    def has_subscribers(self) -> bool:
-        """Return whether any topic has a subscriber."""
-        return any(topics.has_subscribers for topics in self._all)
+    def has_subscribers(self, *, of_frames: bool = False) -> bool:
+        """
+        Return whether any topic has a subscriber.
 
-    @property
-    def has_frame_subscribers(self) -> bool:
-        """Whether a topic of images or video has a subscriber, not only one of calibration."""
-        return any(topics.frames.has_subscribers for topics in self._all)
+        :param of_frames: whether to ask for topics of images and video only, not of calibration.
+        """
+        return any((topics.frames if of_frames else topics).has_subscribers
+                   for topics in self._all)
 
     def publish(
         self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,

@@ -283,7 +283,7 @@ class PublishLoop:
             description, dropped=self._events.dropped, missed=self._grabber.missed)
 
     def _count_unsent(self) -> None:
-        is_wanted = self._topics.has_frame_subscribers
+        is_wanted = self._topics.has_subscribers(of_frames=True)
         self._unfit += is_wanted
         self._unseen += not is_wanted
         self._progress.tick(

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
-from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.output_image import compressed_reduction, OutputImage
 from opencv_tools.image.cdr import (
     compressed_image_to_cdr, WireCompressedImage, WireHeader, WireImage)
 from opencv_tools.image.encodings import declared_encoding, Encoding
@@ -187,7 +187,8 @@ class OutputTopics:
         topic = self.frames.compressed
         is_published = (
             self.frames.has_image_subscribers and topic.is_due(output.why_not_compressed)
-            and topic.publish(lambda: compressed_message(output, header)))
+            and topic.publish(lambda: compressed_message(output, header),
+                              compressed_reduction(output)))
         if is_published:
             self._backlog.add(topic)
         return is_published

@@ -364,6 +364,27 @@ def test_images_without_a_form_are_counted(
     publisher.destroy()
 
 
+@pytest.mark.parametrize(('wanted', 'encoding', 'loss'), [
+    ('jpeg', 'mono16', 'mono16 images lose 8 bits in mono8'),
+    ('jpeg', 'rgba16', 'rgba16 images lose 8 bits in bgr8'),
+    ('jpeg', 'bgra8', 'bgra8 images lose alpha in bgr8'),
+    ('auto', 'mono16', ''), ('jpeg', 'mono8', '')])
+def test_reduction_by_the_compressed_format_is_said_once(
+        node: Node, capfd: pytest.CaptureFixture[str], wanted: str, encoding: str, loss: str,
+) -> None:
+    publisher = FramePublisher(node, 'result', compressed_format=wanted)
+    node.create_subscription(CompressedImage, 'result/compressed', lambda _: None, 10)
+    spin_until(node, lambda: publisher.has_subscribers)
+    found = find_encoding(encoding)
+    for _ in range(3):
+        publisher.publish(np.ones((4, 6, found.channels)[:3 if found.channels > 1 else 2],
+                                  found.dtype), encoding=encoding)
+    text = capfd.readouterr().err
+    assert text.count(' lose ') == bool(loss)
+    assert not loss or f'{loss} on /result/compressed, as its format jpeg has it' in text
+    publisher.destroy()
+
+
 def test_refused_arrays(node: Node) -> None:
     publisher = FramePublisher(node, 'result')
     node.create_subscription(Image, 'result', lambda _: None, 10)

@@ -22,11 +22,11 @@ from typing import NamedTuple
 from conftest import spin_until
 import cv2
 import numpy as np
+from opencv_tools.base.logs import Log
 from opencv_tools.base.units import NANO
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage, WireMessage
 from opencv_tools.image.errors import SizeError
-from opencv_tools.base.logs import Log
 from opencv_tools.nodes.conversion import BagMessages, FrameConverter
 from opencv_tools.recording.bag_sink import RecordedMessage
 from opencv_tools.recording.naming import FrameMetadata

@@ -160,7 +160,7 @@ def test_frames_before_the_first_subscriber(
     loop = create_loop(node, source=str(path), publish_rate=0.0)
     seen = iter([False, False, True, True, False, True, True])
     monkeypatch.setattr(loop._topics, 'publish', lambda *_, **__: next(seen))
-    monkeypatch.setattr(loop._topics, 'has_subscribers', lambda: True)
+    monkeypatch.setattr(loop._topics, 'has_subscribers', lambda of_frames=False: not of_frames)
     assert loop.run() == EXIT_OK
     assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers '
                                    '(wait_for_subscribers:=1 waits for the first one)')
@@ -192,7 +192,7 @@ def test_frames_without_a_form_for_their_subscriber(
 def test_encoding_that_the_frames_cannot_have(node: Node, encoding: str) -> None:
     loop = create_loop(node, source='pattern:64x48', publish_rate=0.0, max_frames=1)
     loop.check_changes({'encoding': encoding})  # no frame is known yet
-    loop._topics.has_subscribers = lambda: True  # type: ignore[method-assign]
+    loop._topics.has_subscribers = lambda **_: True  # type: ignore[method-assign]
     assert loop.run() == EXIT_OK
     for accepted in ('mono16', 'rgba8', '', 'bgr8'):
         loop.check_changes({'encoding': accepted})

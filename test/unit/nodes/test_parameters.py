@@ -221,8 +221,10 @@ def test_misspelt_parameter_that_ends_the_node(context: Context, name: str) -> N
 
 @pytest.mark.parametrize(('name', 'meant'), [
     ('video_device', 'source'), ('filename', 'source'), ('sourc', 'source'),
-    ('device_id', 'source'), ('gscam_config', 'source')])
-def test_name_that_means_the_source(context: Context, name: str, meant: str) -> None:
+    ('device_id', 'source'), ('gscam_config', 'source'), ('videofile', 'source'),
+    ('VIDEO_DEVICE', 'source'), ('camera_source', 'source'), ('loop_video', 'loop')])
+def test_name_that_means_a_parameter_that_ends_the_node(
+        context: Context, name: str, meant: str) -> None:
     with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
         declare_given(context, publisher_parameters.PARAMETERS, **{name: '/dev/video2'})
 
@@ -230,7 +232,8 @@ def test_name_that_means_the_source(context: Context, name: str, meant: str) -> 
 @pytest.mark.parametrize(('name', 'meant'), [
     ('framerate', 'fps'), ('pixel_format', 'fourcc'), ('image_width', 'width'),
     ('image_height', 'height'), ('camera_frame_id', 'frame_id'), ('output_encoding', 'encoding'),
-    ('flip_vertical', 'flip'), ('camera_info_path', 'camera_info_url')])
+    ('flip_vertical', 'flip'), ('image_size', 'width and height'), ('FPS', 'fps'),
+    ('camera_info_path', 'camera_info_url')])
 def test_name_of_another_package(context: Context, name: str, meant: str) -> None:
     declare_given(context, publisher_parameters.PARAMETERS, **{name: 5}).destroy_node()
     assert describe_unknown(name, publisher_parameters.PARAMETERS) == (
