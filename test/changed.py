@@ -67,10 +67,13 @@ def file_of(module: str) -> Path:
 
 def modules_of(executable: str) -> set[str]:
     """Return the modules that commands.py loads for an executable."""
-    source = commands()[executable]
-    return {*re.findall(r"'(opencv_tools[\w.]+)'", source)}.union(
-        *(modules_of(name) for name in {*re.findall(r'\w+', source)} & commands().keys()
-          if name != executable))
+    found, waiting = set[str](), [executable]
+    while waiting:
+        name = waiting.pop()
+        found.add(name)
+        waiting += ({*re.findall(r'\w+', commands()[name])} & commands().keys()) - found
+    return {module for name in found
+            for module in re.findall(r"'(opencv_tools[\w.]+)'", commands()[name])}
 
 
 @cache
