@@ -55,7 +55,7 @@ class FilterSettings(NodeSettings):
         False, 'Whether to filter every frame; false to skip frames while the function runs')
     transport: str = parameter(
         'auto', 'Type of the received images; auto prefers shm to raw, raw to '
-        'compressed, and video from another machine',
+        'compressed, and video or compressedDepth from another machine',
         choices=tuple(TRANSPORTS))
     max_rate: float = rate_parameter(
         0.0, 'Maximum rate of the filtered frames in Hz, by their stamps; 0 for no limit',

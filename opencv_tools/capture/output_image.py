@@ -25,17 +25,19 @@ from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.capture.frame import CapturedFrame, JPEG, VIDEO
 from opencv_tools.capture.settings import CaptureSettings
+from opencv_tools.image import compressed_depth
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.image.compressed import decoded_encoding
-from opencv_tools.image.compressed_depth import compressed_size, is_compressed_depth
+from opencv_tools.image.compressed_depth import (
+    compressed_size, depth_encoding, is_compressed_depth, Quantisation, quantisation_loss)
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import JpegError, SizeError
 from opencv_tools.image.jpeg import jpeg_components, JPEG_SOI
 from opencv_tools.image.orientation import orient
-from opencv_tools.image.picture_formats import compressed_form, reduction, why_not_compressed
+from opencv_tools.image.picture_formats import jpeg_loss, reduction, why_not_compressed
 from opencv_tools.image_codecs import (
     check_complete, convert_image, decode_compressed, decode_image,
-    encode_compressed, turn_image)
+    encode_compressed, encode_depth, turn_image)
 from opencv_tools.video.packet import VideoPacket
 
 # Output encodings for which a JPEG from the camera is published unchanged. A JPEG has no order of
@@ -179,12 +181,43 @@ class OutputImage:
         return turn_image(_native(image, target), flip, degrees, out), target
 
 
-def compressed_reduction(output: OutputImage) -> str:
-    """Return what the compressed form of an image loses, as `reduction` says it."""
-    if _is_kept(output):
-        return ''
-    encoding = find_encoding(output.encoding)
-    return reduction(encoding, compressed_form(encoding, output.settings.compressed_format)[1])
+def compressed_loss(output: OutputImage) -> str:
+    """Return what the compressed form of an image loses, see `jpeg_loss`."""
+    return '' if _is_kept(output) else jpeg_loss(
+        find_encoding(output.encoding), output.settings.compressed_format)
+
+
+def why_no_depth(output: OutputImage) -> str:
+    """Return why an image is none of depth; '' if it is one. It is not decoded."""
+    return compressed_depth.why_no_depth(expected_encoding(output))
+
+
+def expected_encoding(output: OutputImage) -> str:
+    """Return the encoding of an image, not decoded; ``bgr8`` for a picture and video."""
+    frame, settings = output.frame, output.settings
+    if frame.encoding == JPEG and is_compressed_depth(output._format) and not settings.encoding:
+        return depth_encoding(output._format)
+    return settings.encoding or (
+        _DECODED.name if frame.encoding in (JPEG, VIDEO) else frame.encoding)
+
+
+def depth_loss(output: OutputImage) -> str:
+    """Return what the form of `depth_form` loses, see `quantisation_loss`."""
+    return '' if _is_kept(output, as_depth=True) else quantisation_loss(
+        output.image, output.settings.depth_max)
+
+
+def depth_form(output: OutputImage) -> tuple[bytes | NDArray[Any], str]:
+    """
+    Return an image of depth as compressed_depth_image_transport stores it, and its format string.
+
+    :raises ImageError: the image cannot be decoded or converted.
+    """
+    if _is_kept(output, as_depth=True):
+        return output.frame.image, output._format
+    image, encoding = output._pixels
+    return encode_depth(_native(image, encoding), encoding.name, output.settings.depth_format,
+                        Quantisation.up_to(output.settings.depth_max))
 
 
 @lru_cache  # called for each frame
@@ -214,11 +247,17 @@ def check_conversion(captured: str, published: str) -> None:
     _ = OutputImage(CapturedFrame(image, before.name), CaptureSettings(encoding=published)).image
 
 
-def _is_kept(output: OutputImage) -> bool:
-    """Return whether the compressed image of a camera or bag is used unchanged."""
+def _is_kept(output: OutputImage, *, as_depth: bool = False) -> bool:
+    """
+    Return whether the compressed image of a camera or bag is used unchanged.
+
+    :param as_depth: whether in the form of compressed_depth_image_transport, or else as a picture.
+    """
     frame, settings = output.frame, output.settings
-    if frame.encoding != JPEG:
+    if frame.encoding != JPEG or is_compressed_depth(output._format) != as_depth:
         return False
+    if as_depth:
+        return _keeps_pixels(settings)
     if not frame.recorded:  # a data set has pictures of bags without their messages
         is_jpeg = frame.image[:len(JPEG_SOI)].tobytes() == JPEG_SOI
         if settings.compressed_format == 'png' or not is_jpeg:

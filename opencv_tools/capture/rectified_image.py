@@ -17,19 +17,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.output_image import OutputImage
-from opencv_tools.capture.settings import CaptureSettings
+from opencv_tools.capture.output_image import expected_encoding, OutputImage
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.rectification import Rectifier
 
-# The pixels come from another image.
-_NO_FRAME = CapturedFrame(np.empty((0, 0), np.uint8), 'mono8')
+_NO_PIXELS = np.empty((0, 0), np.uint8)  # they come from another image
 
 
 class RectifiedImage(OutputImage):
@@ -44,9 +43,9 @@ class RectifiedImage(OutputImage):
         :param source: the image, as it is published.
         :param camera_info: returns the sensor_msgs/CameraInfo of the image.
         """
-        super().__init__(_NO_FRAME, CaptureSettings(
-            jpeg_quality=source.settings.jpeg_quality,
-            compressed_format=source.settings.compressed_format))
+        super().__init__(
+            CapturedFrame(_NO_PIXELS, expected_encoding(source)),
+            replace(source.settings, encoding='', flip='none', rotate=0))
         self._source = source
         self._camera_info = camera_info
         self._rectifier = rectifier

@@ -22,6 +22,7 @@ import math
 from opencv_tools.base.parameter_fields import parameter, rate_parameter
 from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.v4l2.modes import CameraRequest
+from opencv_tools.image.compressed_depth import DEPTH_CODECS
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
 from opencv_tools.image.picture_formats import COMPRESSED_FORMATS
 
@@ -68,6 +69,12 @@ class CaptureSettings(CameraRequest):
         'auto', 'Codec of video_frames/compressed: jpeg, which reduces images to 8 bits without '
         'alpha, png, or auto for png where jpeg would reduce an image', choices=COMPRESSED_FORMATS,
         changeable=True)
+    depth_format: str = parameter(
+        'png', 'Codec of video_frames/compressedDepth: png, which is smaller, or rvl, which is '
+        'faster', choices=DEPTH_CODECS, changeable=True)
+    depth_max: float = parameter(
+        10.0, 'Depth in metres up to which video_frames/compressedDepth has 32FC1 images; what is '
+        'farther becomes NaN', bounds=(0.1, 1e4), changeable=True)
     read_timeout: float = parameter(
         2.0, 'Seconds without a frame after which a camera or stream is reopened',
         bounds=(0.1, 1e6), changeable=True)

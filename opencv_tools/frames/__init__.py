@@ -25,9 +25,11 @@ from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.frames.node import FrameNode, main, run_filter
 from opencv_tools.frames.publisher import FramePublisher
 from opencv_tools.frames.subscriber import FrameSubscriber
+from opencv_tools.image.compressed_depth import DepthSettings
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.transport.fastdds.profile import configured_fastdds
 from opencv_tools.video.settings import VideoSettings
 
-__all__ = ['Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber', 'LoanedFrame',
-           'RectificationError', 'VideoSettings', 'configured_fastdds', 'main', 'run_filter']
+__all__ = ['DepthSettings', 'Frame', 'FrameNode', 'FramePublisher', 'FrameSubscriber',
+           'LoanedFrame', 'RectificationError', 'VideoSettings', 'configured_fastdds', 'main',
+           'run_filter']

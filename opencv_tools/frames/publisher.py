@@ -25,14 +25,16 @@ from opencv_tools.base.logs import Log
 from opencv_tools.base.units import NANO
 from opencv_tools.frames.frame import Frame, wire_header
 from opencv_tools.frames.loan import LoanedFrame
-from opencv_tools.image.cdr import compressed_image_to_cdr, WireCompressedImage, WireHeader
+from opencv_tools.image.cdr import WireHeader
+from opencv_tools.image.compressed_depth import (
+    DEFAULT_DEPTH, DepthSettings, Quantisation, quantisation_loss, why_no_depth)
 from opencv_tools.image.encodings import (
     declared_encoding, Encoding, find_encoding, generic_encoding)
 from opencv_tools.image.errors import EncodingError, VideoError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image.picture_formats import (
-    compressed_form, COMPRESSED_FORMATS, reduction, why_not_compressed)
-from opencv_tools.image_codecs import encode_compressed
+    COMPRESSED_FORMATS, jpeg_loss, why_not_compressed)
+from opencv_tools.image_codecs import encode_compressed, encode_depth
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.transport.shared_frames.writer import Slot
@@ -53,7 +55,7 @@ class FramePublisher:
 
     def __init__(
         self, node: Node, topic: str, *, quality: int = 80, video: VideoSettings | None = None,
-        compressed_format: str = 'auto',
+        compressed_format: str = 'auto', depth: DepthSettings = DEFAULT_DEPTH,
     ) -> None:
         """
         Create the publishers.
@@ -65,6 +67,7 @@ class FramePublisher:
             for no such topics.
         :param compressed_format: ``'auto'``: JPEG, or PNG for images that JPEG would reduce to 8
             bits without alpha. ``'jpeg'`` reduces them, ``'png'`` is lossless.
+        :param depth: codec and largest depth of ``<topic>/compressedDepth``.
         :raises ParameterError: the name of the topic, the quality, the format or the video is
             invalid, or the ``qos_overrides`` parameters of the topic cannot be used.
         """
@@ -83,6 +86,7 @@ class FramePublisher:
         self._node = node
         self._quality = quality
         self._format = compressed_format
+        self._depth_settings = depth
         self._unseen = self._unfit = 0
         self._lock = Lock()
         self._log = Log(node.get_logger())
@@ -158,17 +162,22 @@ class FramePublisher:
     ) -> None:
         header = self._header_of(source)
         video = self._topics.video
-        compressed = self._topics.compressed
+        compressed, depth = self._topics.compressed, self._topics.depth
+        is_depth = depth.is_due(why_no_depth(encoding.name))
         is_compressed = compressed.is_due(why_not_compressed(
             encoding, image.shape[1], encoding.height(image.shape[0]), self._format))
-        if slot and (is_compressed or (video and video.count_subscribers())):
+        if slot and (is_compressed or is_depth or (video and video.count_subscribers())):
             slot = None  # another thread may get the memory before the image is compressed
         is_sent = self._topics.publish_raw(
             lambda _: (array_to_wire(image, encoding, header), slot)) is not None
         if is_compressed:
             is_sent |= compressed.publish(
-                lambda: self._compress(image, encoding, header),
-                reduction(encoding, compressed_form(encoding, self._format)[1]))
+                lambda: encode_compressed(image, encoding, self._format, self._quality), header,
+                jpeg_loss(encoding, self._format))
+        if is_depth:
+            is_sent |= depth.publish(
+                lambda: self._depth(image, encoding), header,
+                quantisation_loss(image, self._depth_settings.farthest))
         if video and slot is None:
             is_sent |= bool(video.publish(lambda: (image, encoding.name), header))
         if not is_sent:
@@ -187,12 +196,11 @@ class FramePublisher:
             raise TypeError(f'the source of a frame is {source!r}: give a Frame, a Header or None')
         return WireHeader(source.stamp.sec, source.stamp.nanosec, source.frame_id)
 
-    def _compress(
-        self, image: NDArray[np.generic], encoding: Encoding, header: WireHeader,
-    ) -> bytes:
-        data, format_text = encode_compressed(image, encoding, self._format, self._quality)
-        return compressed_image_to_cdr(WireCompressedImage(
-            header=header, format=format_text, data=data.data))
+    def _depth(self, image: NDArray[np.generic], encoding: Encoding) -> tuple[bytes, str]:
+        native = np.ascontiguousarray(image, np.dtype(encoding.dtype).newbyteorder('='))
+        return encode_depth(
+            native, encoding.name, self._depth_settings.codec,
+            Quantisation.up_to(self._depth_settings.farthest))
 
     def destroy(self) -> None:
         """Remove the publishers."""

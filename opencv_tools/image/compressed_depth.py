@@ -90,6 +90,53 @@ class Quantisation:
         return np.minimum(numbers, _MAX_STORED, out=numbers).astype(np.uint16)
 
 
+@dataclass(frozen=True)
+class DepthSettings:
+    """
+    How a publisher stores images of depth on ``<topic>/compressedDepth``.
+
+    :param codec: ``'png'``, which is smaller, or ``'rvl'``, which is faster.
+    :param farthest: depth in metres from which ``32FC1`` images have NaN.
+    :raises ValueError: a value is invalid.
+    """
+
+    codec: str = 'png'
+    farthest: float = 10.0
+
+    def __post_init__(self) -> None:
+        if self.codec not in DEPTH_CODECS:
+            raise ValueError(
+                f'the codec of depth is {self.codec!r}: give one of {", ".join(DEPTH_CODECS)}')
+        if not 0 < self.farthest < np.inf:
+            raise ValueError(
+                f'the largest depth is {self.farthest!r}: give a positive number of metres')
+
+
+#: The settings of compressed_depth_image_transport.
+DEFAULT_DEPTH = DepthSettings()
+
+
+def why_no_depth(encoding: str) -> str:
+    """Return why images of an encoding are not stored as depth; '' if they are."""
+    return '' if encoding in DEPTH_ENCODINGS else f'an image of {encoding} has no depth'
+
+
+def quantisation_loss(image: NDArray[Any], farthest: float) -> str:
+    """
+    Return what an image of floats loses, except for precision; '' for nothing.
+
+    :param farthest: as for `Quantisation.up_to`.
+    """
+    used = Quantisation.up_to(farthest)
+    nearest = used.numerator / (_MAX_STORED - used.offset)
+    is_float = image.dtype.kind == 'f'
+    return ' and '.join(filter(None, (
+        f'depths of {farthest:g} m and more are lost' if is_float and (
+            (image >= farthest) & (image < np.inf)).any() else '',
+        f'those below {nearest:.2g} m become {nearest:.2g} m' if is_float and (
+            (image > 0) & (image < nearest)).any() else '')))
+
+
 def is_compressed_depth(format_text: str) -> bool:
     """Return whether a message is an image of depth, given its format string."""
     return COMPRESSED_DEPTH in format_text

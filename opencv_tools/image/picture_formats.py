@@ -87,6 +87,12 @@ def reduction(before: Encoding, after: Encoding) -> str:
     return what and f'{before.name} images lose {what} in {after.name}'
 
 
+def jpeg_loss(encoding: Encoding, wanted: str) -> str:
+    """Return what an image loses on a topic of compressed images, with its reason."""
+    lost = reduction(encoding, compressed_form(encoding, wanted)[1])
+    return lost and f'{lost}, as compressed_format {wanted} has it'
+
+
 def why_not_compressed(encoding: Encoding, width: int, height: int, wanted: str) -> str:
     """Return why a topic of compressed images has no image of an encoding; '' if it has."""
     codec, stored = compressed_form(encoding, wanted)

@@ -22,6 +22,7 @@ from typing import Any, TYPE_CHECKING
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import WireHeader, WireImage
+from opencv_tools.image.compressed_depth import COMPRESSED_DEPTH
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.topics.compressed_topic import CompressedTopic
 from opencv_tools.topics.qos import create_frame_publisher
@@ -124,7 +125,7 @@ Lend = Callable[[int], Slot | None]
 
 class FrameTopics:
     """
-    Publish raw images, also by shared memory, compressed images and video.
+    Publish raw images, also by shared memory, compressed images, depth and video.
 
     Nothing is computed for topics without subscribers.
 
@@ -136,7 +137,7 @@ class FrameTopics:
         Create the publishers.
 
         :param topic: name of the topic of the raw images; compressed images are on
-            ``<topic>/compressed``.
+            ``<topic>/compressed``, and those of depth also on ``<topic>/compressedDepth``.
         :param video: settings of the video; None for no video.
         :raises ParameterError: the name of the topic or its ``qos_overrides`` parameters cannot be
             used.
@@ -145,6 +146,7 @@ class FrameTopics:
         self.name = resolve_topic(node, topic)
         self.images = create_frame_publisher(node, Image, topic)
         self.compressed = CompressedTopic(node, self.name)
+        self.depth = CompressedTopic(node, self.name, COMPRESSED_DEPTH, is_expected=False)
         self.shared = SharedFramePublisher(node, self.images)
         #: Topics of the video; None without video.
         self.video = VideoTopics(node, self.name, video) if video else None
@@ -159,7 +161,7 @@ class FrameTopics:
     def has_image_subscribers(self) -> bool:
         """Whether an image would be received, not only video."""
         return bool(self.shared.has_subscribers or self.images.get_subscription_count()
-                    or self.compressed.count_subscribers())
+                    or self.compressed.count_subscribers() or self.depth.count_subscribers())
 
     def count_subscribers(self) -> int:
         """
@@ -174,7 +176,8 @@ class FrameTopics:
             for name in (self.images.topic_name, self.shared.topic_name))
         video = self.video.count_subscribers() if self.video else 0
         return int(self.images.get_subscription_count() + video
-                   + self.compressed.count_subscribers() + (shared - raw).total())
+                   + self.compressed.count_subscribers() + self.depth.count_subscribers()
+                   + (shared - raw).total())
 
     def publish_raw(
         self, make: Callable[[Lend], tuple[WireImage, Slot | None]],
@@ -198,4 +201,5 @@ class FrameTopics:
         if self.video:
             self.video.destroy()
         self.compressed.destroy()
+        self.depth.destroy()
         self._node.destroy_publisher(self.images)

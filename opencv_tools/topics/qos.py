@@ -31,7 +31,8 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import InvalidQosOverridesError, QoSOverridingOptions
 
-_DEPTH = 10
+#: Number of frames that a publisher keeps for slow subscribers.
+FRAME_DEPTH = 10
 _MAX_DEPTH = 10_000
 
 
@@ -50,7 +51,7 @@ def following_qos(offers: Sequence[QoSProfile], depth: int | None) -> QoSProfile
         offer.durability == DurabilityPolicy.TRANSIENT_LOCAL for offer in offers)
     return QoSProfile(
         history=HistoryPolicy.KEEP_ALL if depth is None else HistoryPolicy.KEEP_LAST,
-        depth=_DEPTH if depth is None else depth,
+        depth=FRAME_DEPTH if depth is None else depth,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE)
 
@@ -75,7 +76,7 @@ def describe_qos(qos: QoSProfile) -> str:
 
 
 def create_frame_publisher(
-    node: Node, message_type: Any, topic: str, *, depth: int = _DEPTH,
+    node: Node, message_type: Any, topic: str, *, depth: int = FRAME_DEPTH,
     events: PublisherEventCallbacks | None = None,
 ) -> Publisher:
     """

@@ -22,6 +22,7 @@ import re
 
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
+from opencv_tools.image.compressed_depth import COMPRESSED_DEPTH
 from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch
@@ -34,11 +35,11 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 #: Types of the messages that each transport uses.
 TRANSPORTS = {
     'auto': (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS), 'raw': (IMAGE,),
-    'compressed': (COMPRESSED_IMAGE,), 'video': (*VIDEO_TOPICS,), 'disparity': (DISPARITY_IMAGE,),
-    'shm': (IMAGE,)}
+    'compressed': (COMPRESSED_IMAGE,), COMPRESSED_DEPTH: (COMPRESSED_IMAGE,),
+    'video': (*VIDEO_TOPICS,), 'disparity': (DISPARITY_IMAGE,), 'shm': (IMAGE,)}
 
 # What rmw allows, less the longest suffix that a topic gets here.
-_MAX_NAME = 247 - len('/compressed')
+_MAX_NAME = 247 - len(f'/{COMPRESSED_DEPTH}')
 _HOST = slice(2, 4)  # of the identifier of an endpoint, as Fast DDS gives it
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
 #: Name of a publishing node that was not discovered yet, or that is no node of ROS.
@@ -51,10 +52,12 @@ class ImageTopic:
     A topic that may have frames.
 
     :param name: name of the topic before remapping.
+    :param is_depth: whether its compressed images are those of compressed_depth_image_transport.
     """
 
     name: str
     type_name: str
+    is_depth: bool = False
 
     @property
     def is_video(self) -> bool:
@@ -123,9 +126,11 @@ class TopicDiscovery:
         #: Topics that the transport allows, best first.
         self.allowed = sorted(
             (possible for possible in self._possible
-             if possible.type_name in TRANSPORTS[transport]),
+             if possible.type_name in TRANSPORTS[transport] and (
+                 possible.is_depth if transport == COMPRESSED_DEPTH else
+                 transport != 'compressed' or not possible.is_depth or possible.name == topic)),
             key=lambda allowed: prefers_compressed * (
-                2 * allowed.is_video + (allowed.type_name == IMAGE)))
+                2 * allowed.is_video + (allowed.type_name == IMAGE or allowed.is_depth)))
         self._video = [possible for possible in self.allowed if possible.is_video]
         self._host: bytes | None = None  # of this process
 
@@ -143,8 +148,13 @@ class TopicDiscovery:
     def best(self) -> ImageTopic | None:
         """Return the best topic that has a publisher, or None."""
         found = [*filter(self.publishers, self.allowed)]
-        return next((video for video in found if self.prefers_video(found[0])
-                     and video.is_video), found[0] if found else None)
+        if not found or not self.prefers_video(found[0]):
+            return found[0] if found else None
+        video = [one for one in found if one.is_video]
+        # A publisher with all kinds of video is one of this package, which has a topic of depth
+        # for depth only. Depth has no video.
+        depth = [one for one in found if one.is_depth and len(video) == len(VIDEO_TOPICS)]
+        return (depth or video)[0]
 
     def prefers_video(self, image_topic: ImageTopic) -> bool:
         """Return whether video is better, because the publishers are on other machines."""
@@ -186,8 +196,9 @@ class TopicDiscovery:
     ) -> str:
         """Describe frames of the other message type."""
         topic, name = self._resolved_name(subscribed), self._resolved_name(published)
-        transport = next(name for name, types in TRANSPORTS.items()
-                         if name != 'auto' and published.type_name in types)
+        transport = COMPRESSED_DEPTH if published.is_depth else next(
+            name for name, types in TRANSPORTS.items()
+            if name != 'auto' and published.type_name in types)
         if name == topic:
             publisher = f'{name} has a publisher of type {published.type_name} ' \
                         f'({_describe_node(info)}), not {subscribed.type_name}'
@@ -223,16 +234,18 @@ class TopicDiscovery:
 def _possible_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:
     """Return the topics that may have the frames of an image topic, best first."""
     raw = ImageTopic(topic, IMAGE)
-    compressed = ImageTopic(topic, COMPRESSED_IMAGE)
+    is_depth = resolved.endswith(f'/{COMPRESSED_DEPTH}')
+    compressed = ImageTopic(topic, COMPRESSED_IMAGE, is_depth)
+    depth = ImageTopic(f'{resolved}/{COMPRESSED_DEPTH}', COMPRESSED_IMAGE, is_depth=True)
     subtopic = ImageTopic(f'{resolved}/compressed', COMPRESSED_IMAGE)
     video = [ImageTopic(f'{resolved}/{suffix}', type_name)
              for type_name, suffix in VIDEO_TOPICS.items()]
     own_video = [ImageTopic(topic, type_name) for type_name in VIDEO_TOPICS]
-    if resolved.endswith('/compressed'):
+    if is_depth or resolved.endswith('/compressed'):
         return compressed, raw, subtopic, *own_video
     if resolved.endswith(tuple(f'/{suffix}' for suffix in VIDEO_TOPICS.values())):
         return *own_video, raw, compressed
-    return raw, subtopic, compressed, *video, *own_video, ImageTopic(topic, DISPARITY_IMAGE)
+    return raw, subtopic, compressed, depth, *video, *own_video, ImageTopic(topic, DISPARITY_IMAGE)
 
 
 def _describe_silent(

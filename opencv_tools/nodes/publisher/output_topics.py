@@ -20,9 +20,9 @@ from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import NDArray
-from opencv_tools.capture.output_image import compressed_reduction, OutputImage
-from opencv_tools.image.cdr import (
-    compressed_image_to_cdr, WireCompressedImage, WireHeader, WireImage)
+from opencv_tools.capture.output_image import (
+    compressed_loss, depth_form, depth_loss, OutputImage, why_no_depth)
+from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.encodings import declared_encoding, Encoding
 from opencv_tools.image.errors import ImageError, KeyFrameNeeded
 from opencv_tools.image.layout import array_to_wire, view_image
@@ -57,18 +57,6 @@ def raw_message(
     return array_to_wire(image, declared_encoding(image, output.encoding), header), slot
 
 
-def compressed_message(output: OutputImage, header: WireHeader) -> bytes:
-    """
-    Return the CDR of a message with the compressed form of an image.
-
-    :param output: image to publish.
-    :raises ImageError: the image cannot be decoded or converted.
-    """
-    data, format_text = output.compressed
-    return compressed_image_to_cdr(WireCompressedImage(
-        header=header, format=format_text, data=data.data))
-
-
 class OutputTopics:
     """Publish images on the topics that have subscribers, and compute nothing for the others."""
 
@@ -89,7 +77,7 @@ class OutputTopics:
         self._infos = create_frame_publisher(node, CameraInfo, info_topic)
         video_topics = self.frames.video
         self._publishers = (
-            self.frames.images, self.frames.compressed, self._infos,
+            self.frames.images, self.frames.compressed, self.frames.depth, self._infos,
             *(video_topics.publishers.values() if video_topics else ()))
         self._backlog = backlog
         self._check_room = check_room
@@ -124,6 +112,7 @@ class OutputTopics:
         return self._publish_each(
             lambda: self._publish_raw(output, header, camera_info),
             lambda: self._publish_compressed(output, header),
+            lambda: self._publish_depth(output, header),
             lambda: self._publish_video(output, header))
 
     def pass_on(self, output: OutputImage, header: WireHeader, needs_image: bool) -> bool:
@@ -187,8 +176,15 @@ class OutputTopics:
         topic = self.frames.compressed
         is_published = (
             self.frames.has_image_subscribers and topic.is_due(output.why_not_compressed)
-            and topic.publish(lambda: compressed_message(output, header),
-                              compressed_reduction(output)))
+            and topic.publish(lambda: output.compressed, header, compressed_loss(output)))
+        if is_published:
+            self._backlog.add(topic)
+        return is_published
+
+    def _publish_depth(self, output: OutputImage, header: WireHeader) -> bool:
+        topic = self.frames.depth
+        is_published = topic.is_due(why_no_depth(output)) and topic.publish(
+            lambda: depth_form(output), header, depth_loss(output))
         if is_published:
             self._backlog.add(topic)
         return is_published

@@ -65,8 +65,8 @@ class RecorderSettings(NodeSettings):
         check=check_patterns, words=True)
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto uses shm if all publishers share frames, '
-        'compressed if no raw images are published, and video if it is published on another '
-        'machine', choices=tuple(TRANSPORTS))
+        'compressed if no raw images are published, and video, or compressedDepth for depth, if '
+        'it is published on another machine', choices=tuple(TRANSPORTS))
     max_pixels: int = parameter(
         MAX_PIXELS, 'Maximum number of pixels of a frame; a larger frame is refused before it is '
         'decoded', bounds=(1, 2**31))

@@ -14,19 +14,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 from images import draw_pattern
 import numpy as np
 from opencv_tools.capture.frame import CapturedFrame, JPEG, Recorded
-from opencv_tools.capture.output_image import describe_reduction, OutputImage
+from opencv_tools.capture.output_image import (
+    depth_form, depth_loss, describe_reduction, expected_encoding, OutputImage, why_no_depth)
 from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.frames.frame import Frame
 from opencv_tools.image.cdr import NO_HEADER, WireCompressedImage
+from opencv_tools.image.compressed_depth import DepthSettings
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import view_image
 from opencv_tools.image.orientation import FLIPS, orient
-from opencv_tools.image_codecs import encode_depth
+from opencv_tools.image_codecs import decode_compressed, encode_depth
 import pytest
 
 PICTURE = draw_pattern(12, 64, 48)
@@ -271,8 +275,48 @@ def test_depth_of_a_bag_is_decoded(codec: str) -> None:
                           recorded=Recorded(message=message, topic='/depth', log_ns=1))
     output = OutputImage(frame, CaptureSettings())
     assert output.size == (37, 23)
-    assert output.compressed == (frame.image, format_text)
+    assert why_no_depth(output) == ''
+    assert depth_form(output) == (frame.image, format_text)
+    assert not depth_loss(output) and not output.is_decoded
     assert np.array_equal(output.image, depth) and output.encoding == '16UC1'
+    picture, picture_format = output.compressed
+    assert picture_format == '16UC1; png compressed 16UC1'
+    assert np.array_equal(cv2.imdecode(picture, cv2.IMREAD_UNCHANGED), depth)
+
+
+@pytest.mark.parametrize(('encoding', 'settings', 'expected'), [
+    ('16UC1', {}, '16UC1'), ('>16UC1', {}, '16UC1'), ('32FC1', {'depth_max': 5.0}, '32FC1'),
+    ('mono16', {'flip': 'both'}, 'mono16')])
+@pytest.mark.parametrize('codec', ['png', 'rvl'])
+def test_forms_of_depth(
+        encoding: str, settings: dict[str, Any], expected: str, codec: str) -> None:
+    depth = (np.arange(13 * 21) * 7 % 903).reshape(13, 21)  # never 500, a limit below
+    is_float = encoding == '32FC1'
+    image = (depth / 100).astype('f4') if is_float else depth.astype(
+        '>u2' if encoding.startswith('>') else 'u2')
+    output = OutputImage(CapturedFrame(image, encoding.lstrip('>')),
+                         CaptureSettings(depth_format=codec, **settings))
+    assert expected_encoding(output) == output.encoding == expected
+    content, format_text = depth_form(output)
+    assert format_text == f'{expected}; compressedDepth {codec}'
+    decoded, _ = decode_compressed(np.frombuffer(content, np.uint8), format_text)
+    turned = depth[::-1, ::-1] if settings.get('flip') else depth
+    if is_float:
+        lost, near = (depth >= 500) | (depth == 0), depth < 15
+        assert np.array_equal(np.isnan(decoded), lost)
+        assert np.abs(decoded - image)[~(lost | near)].max() < 0.003
+        assert np.unique(decoded[near & ~lost]) == pytest.approx([0.149], 0.01)
+        assert depth_loss(output) == (
+            'depths of 5 m and more are lost and those below 0.15 m become 0.15 m')
+    else:
+        assert np.array_equal(decoded, turned)
+        assert depth_loss(output) == ''
+
+
+@pytest.mark.parametrize('encoding', ['bgr8', '16UC3', '32FC2', '16SC1', 'mono8', 'bayer_rggb16'])
+def test_images_without_depth(encoding: str) -> None:
+    output = OutputImage(CapturedFrame(np.zeros((4, 6), np.uint8), encoding), CaptureSettings())
+    assert why_no_depth(output) == f'an image of {encoding} has no depth'
 
 
 def test_png_without_its_message_becomes_a_jpeg() -> None:
@@ -281,3 +325,10 @@ def test_png_without_its_message_becomes_a_jpeg() -> None:
     data, format_text = output.compressed
     assert format_text == 'bgr8; jpeg compressed bgr8' and data[:2].tobytes() == b'\xff\xd8'
     assert np.abs(cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int) - PICTURE).mean() < 8
+
+
+def test_settings_of_depth() -> None:
+    assert DepthSettings() == DepthSettings('png', 10.0)
+    for settings in ({'codec': 'jpeg'}, {'farthest': 0}, {'farthest': float('nan')}):
+        with pytest.raises(ValueError, match=r'depth is .*: give '):
+            DepthSettings(**settings)

@@ -381,7 +381,8 @@ def test_reduction_by_the_compressed_format_is_said_once(
                                   found.dtype), encoding=encoding)
     text = capfd.readouterr().err
     assert text.count(' lose ') == bool(loss)
-    assert not loss or f'{loss} on /result/compressed, as its format jpeg has it' in text
+    assert not loss or (
+        f'/result/compressed: {loss}, as compressed_format jpeg has it' in text)
     publisher.destroy()
 
 

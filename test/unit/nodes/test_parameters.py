@@ -60,6 +60,7 @@ VALUES = {
         'encoding': {'bgr8', 'mono16', 'nv12', ''}, 'publish_rate': (0.1, 1000.0),
         'flip': {'none', 'horizontal', 'vertical', 'both'}, 'rotate': {0, 90, 180, 270},
         'jpeg_quality': (1, 100), 'compressed_format': {'auto', 'jpeg', 'png'},
+        'depth_format': {'png', 'rvl'}, 'depth_max': (0.1, 1e4),
         'read_timeout': (0.1, 1e6), 'reconnect': str,
         'on_end': {'stop', 'loop', 'hold'}, 'loop': (0, BILLION), 'start_frame': (0, BILLION),
         'stop_frame': (0, BILLION), 'frame_id': str, 'rectify': {False, True},
@@ -71,7 +72,7 @@ VALUES = {
         'wait_for_subscribers': (0, 1000), 'priority': (0, 99)},
     'img_subscriber': {
         'output_dir': str, 'file_name': str, 'topics': str,
-        'transport': {'auto', 'raw', 'compressed'}, 'max_pixels': (1, 2**31),
+        'transport': {'auto', 'raw', 'compressed', 'compressedDepth'}, 'max_pixels': (1, 2**31),
         'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
         'lossy': {False, True}, 'range_low': (-1e9, 1e9), 'range_high': (-1e9, 1e9),
         'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),

@@ -22,7 +22,7 @@ from conftest import spin_until
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.fastdds import shared_memory
 from opencv_tools.transport.message_type import message_type
-from opencv_tools.video.messages import FFMPEG_PACKET
+from opencv_tools.video.messages import COMPRESSED_VIDEO, FFMPEG_PACKET
 import pytest
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -67,6 +67,9 @@ def _no_other_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
      'receive one with -r video_frames:=/b'),
     ('raw', {'/jpeg': CompressedImage},
      'receive one with -r video_frames:=/jpeg -p transport:=auto'),
+    ('raw', {f'{TOPIC}/compressedDepth': CompressedImage},
+     'sensor_msgs/msg/CompressedImage on /video_frames/compressedDepth (node /front/camera); '
+     'set transport:=compressedDepth or transport:=auto'),
     ('compressed', {'/b': CompressedImage}, 'no publisher on /video_frames/compressed; images'),
 ])
 def test_explanation_with_a_remedy(
@@ -100,6 +103,36 @@ def test_order_of_transports(node: Node) -> None:
             node, 'video_frames', 'auto', prefers_compressed=prefers_compressed)
         types = [topic.type_name.rpartition('/')[2] for topic in discovery.allowed]
         assert tuple(dict.fromkeys(types)) == (*first, 'FFMPEGPacket', 'CompressedVideo')
+
+
+RAW, JPEG = TOPIC, f'{TOPIC}/compressed'
+DEPTH, PACKETS, VIDEO = (
+    f'{TOPIC}/{suffix}' for suffix in ('compressedDepth', 'ffmpeg', 'foxglove'))
+OURS = (RAW, JPEG, PACKETS, VIDEO)
+
+
+@pytest.mark.parametrize(('topic', 'transport', 'published', 'is_remote', 'best'), [
+    (TOPIC, 'compressedDepth', (RAW, JPEG, DEPTH), False, DEPTH),
+    (TOPIC, 'compressedDepth', (RAW, JPEG), False, None),
+    (TOPIC, 'compressed', (RAW, DEPTH), False, None),
+    (TOPIC, 'compressed', (JPEG, DEPTH), False, JPEG),
+    (DEPTH, 'compressed', (DEPTH,), False, DEPTH), (DEPTH, 'auto', (DEPTH,), False, DEPTH),
+    (TOPIC, 'auto', (DEPTH,), False, DEPTH), (TOPIC, 'auto', (JPEG, DEPTH), False, JPEG),
+    (TOPIC, 'auto', (*OURS, DEPTH), False, RAW), (TOPIC, 'auto', (*OURS, DEPTH), True, DEPTH),
+    (TOPIC, 'auto', OURS, True, PACKETS),
+    (TOPIC, 'auto', (RAW, JPEG, PACKETS, DEPTH), True, PACKETS),
+    (TOPIC, 'auto', (RAW, JPEG, DEPTH), True, RAW)])
+def test_topics_of_depth(
+        node: Node, camera: Node, monkeypatch: pytest.MonkeyPatch, topic: str, transport: str,
+        published: tuple[str, ...], is_remote: bool, best: str | None) -> None:
+    types = {RAW: Image, PACKETS: message_type(FFMPEG_PACKET),
+             VIDEO: message_type(COMPRESSED_VIDEO)}
+    for name in published:
+        camera.create_publisher(types.get(name, CompressedImage), name, 10)
+        spin_until(node, lambda name=name: node.count_publishers(name) > 0)
+    monkeypatch.setattr(TopicDiscovery, '_is_remote', lambda *_: is_remote)
+    found = TopicDiscovery(node, topic, transport).best()
+    assert (found and found.name) == best
 
 
 def test_own_topics_are_not_suggested(node: Node) -> None:
