@@ -28,19 +28,19 @@ from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic
 from opencv_tools.capture.bag import read_picture
 from opencv_tools.capture.bag_video import BagVideo
-from opencv_tools.capture.frame import CapturedFrame
+from opencv_tools.capture.frame import CapturedFrame, Recorded
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.image.errors import ImageError
 
 _SETTINGS = CaptureSettings(encoding='bgr8')
-_DEEP = ('mono16', '16UC1')  # whose lower bits a conversion to 8 bits would drop
+_DEEP = ('mono16', '16UC1', '32FC1')  # whose lower bits a conversion to 8 bits would drop
 
 
-def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int],
+def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int], is_depth: bool = False,
                  ) -> Generator[OutputImage | str, None, None]:
     """
-    Yield pictures of a topic, decoded and converted to ``bgr8``.
+    Yield pictures of a topic, decoded and, unless they are depth, converted to ``bgr8``.
 
     :param bag: the bag; it may be read by others at the same time.
     :param messages: increasing numbers of messages among those of the topic, from 0.
@@ -60,7 +60,7 @@ def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int],
                 video.restart()
                 continue
             if place == wanted:
-                yield _decoded(topic, item, video, memory)
+                yield _decoded(topic, item, video, None if is_depth else memory)
                 wanted = next(numbers, None)
             elif video.needs_skipped:
                 with suppress(ImageError, OSError):  # of a frame that is not wanted
@@ -86,7 +86,7 @@ class _Memory:
         self._number = 1 - self._number
 
 
-def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory,
+def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory | None,
              ) -> OutputImage | str:
     try:
         serialized = decompressed_message(item.load())
@@ -95,14 +95,19 @@ def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory
         video.restart()
         return str(err)
     declared = getattr(wire, 'format', encoding).partition(';')[0]
-    if declared in _DEEP:
-        return f'{declared} has 16 bits a pixel, and pictures of a data set have 8'
-    picture = OutputImage(CapturedFrame(image, encoding), _SETTINGS)
-    picture.lend = memory.lend
+    if memory and declared in _DEEP:
+        return f'{declared} has more than 8 bits a pixel; if it is depth, use --depth'
+    if memory:
+        picture = OutputImage(CapturedFrame(image, encoding), _SETTINGS)
+        picture.lend = memory.lend
+    else:  # the message has the format of compressed depth
+        picture = OutputImage(CapturedFrame(image, encoding, recorded=Recorded(
+            message=wire, topic=topic.name, log_ns=item.log_ns)), CaptureSettings())
     try:
         if not picture.image.size:  # decoded here, once
             return 'it has no pixels'
     except ImageError as err:
         return str(err)
-    memory.keep()
+    if memory:
+        memory.keep()
     return picture

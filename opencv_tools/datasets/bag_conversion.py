@@ -34,6 +34,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.datasets.depth import codes_of, DepthImages
 from opencv_tools.datasets.episodes import episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features, rows_table
@@ -57,14 +58,18 @@ class WrittenCamera:
 
     :param size: width and height in pixels.
     :param samples: (n,) number of the sample that each row shows.
-    :param fingerprints: (n, 64) small picture of each row.
+    :param fingerprints: (n, 64) small picture of each row, (n, 256) of depth.
     :param statistics: statistics of each episode.
+    :param depth: account of the pixels of depth; empty for colours.
+    :param warnings: sentences about pixels that are out of the range.
     """
 
     size: tuple[int, int]
     samples: NDArray[np.int64]
     fingerprints: NDArray[np.uint8]
     statistics: list[Statistics]
+    depth: dict[str, float]
+    warnings: list[str]
 
 
 @dataclass(frozen=True)
@@ -100,18 +105,23 @@ def write_video(work: Work, name: str) -> WrittenCamera:
     prints: list[NDArray[np.uint8]] = []
     statistics: list[Statistics] = []
     size = (0, 0)
-    writer = VideoFileWriter(work.folder / f'{name}.mp4', plan.fps, plan.crf, work.threads)
+    codes = codes_of(plan)
+    depth = DepthImages(name, codes) if name in plan.depth else None
+    writer = VideoFileWriter(work.folder / f'{name}.mp4', plan.fps, plan.crf, work.threads,
+                             is_depth=depth is not None)
     try:
         for rows in episodes:
-            episode, counted = ImageStatistics(), {*sampled_rows(len(rows.times)).tolist()}
+            episode = ImageStatistics(codes.metres if depth else None)
+            counted = {*sampled_rows(len(rows.times)).tolist()}
             for row in range(len(rows.times)):
                 if work.ended.is_set():
                     raise DatasetError('the conversion has ended')
                 sample, picture = next(pictures)
-                image: Any = picture.image
+                image: Any = depth.read(picture) if depth else picture.image
                 size = picture.size
                 is_new = not shown or sample != shown[-1]
-                prints.append(fingerprint(luma(image)) if is_new else prints[-1])
+                prints.append((depth.points if depth else fingerprint(luma(image)))
+                              if is_new else prints[-1])
                 if row in counted:
                     episode.add(image)
                 writer.write(sample, image, is_first=not row)
@@ -123,7 +133,8 @@ def write_video(work: Work, name: str) -> WrittenCamera:
         raise
     finally:
         pictures.close()
-    return WrittenCamera(size, np.array(shown), np.array(prints), statistics)
+    return WrittenCamera(size, np.array(shown), np.array(prints), statistics,
+                         depth.account if depth else {}, depth.warnings if depth else [])
 
 
 def write_rows(plan: Plan, recording: Recording, episodes: list[Rows], folder: Path, threads: int,
@@ -142,6 +153,7 @@ def write_rows(plan: Plan, recording: Recording, episodes: list[Rows], folder: P
     cameras = _write_videos(plan, recording, wanted, folder, threads)
     kept = shown_rows(wanted, {name: camera.samples for name, camera in cameras.items()},
                       recording.warnings)
+    recording.warnings.extend(text for one in cameras.values() for text in one.warnings)
     features = plan_features(plan, {
         name: camera.size for name, camera in cameras.items()})
     pa = import_pyarrow()
@@ -170,7 +182,8 @@ def write_rows(plan: Plan, recording: Recording, episodes: list[Rows], folder: P
         tables.append(table)
         begin += count
     pa.parquet.write_table(pa.concat_tables(tables), folder / ROWS)
-    return {'features': features, 'episodes': described}, kept
+    depth = {name: camera.depth for name, camera in cameras.items() if camera.depth}
+    return {'features': features, 'episodes': described, 'depth': depth}, kept
 
 
 def _write_videos(plan: Plan, recording: Recording, episodes: list[Rows], folder: Path,

@@ -24,12 +24,14 @@ import argparse
 from collections.abc import Sequence
 from functools import partial
 
-from opencv_tools.base.arguments import CommandParser, integer, positive, real, run_command
+from opencv_tools.base.arguments import (
+    CommandParser, integer, number_range, positive, real, run_command)
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.plan import FORMATS, LEROBOT
+from opencv_tools.datasets.plan import DEPTH_RANGE, FORMATS, LEROBOT
 
 _MODES = ('--format', '--check', '--merge')
 _MOST_SHARDS = 1_000_000
+_FARTHEST = 65.535  # metres; LeRobot reads millimetres of 16 bits
 
 _EXAMPLES = """\
 examples:
@@ -96,6 +98,12 @@ def _parser() -> argparse.ArgumentParser:
 def _add_features(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--image', metavar='NAME=TOPIC', action='append', default=[],
                        help='camera: observation.images.NAME; for each camera once')
+    group.add_argument('--depth', metavar='NAME=TOPIC', action='append', default=[], help=(
+        'depth camera of 16UC1 (mm) or 32FC1 (m): observation.images.NAME_depth; for each once'))
+    group.add_argument('--depth-range', type=_depth_range, default=DEPTH_RANGE, metavar='LOW:HIGH',
+                       help='depths in metres that LeRobot stores [0.01:10]')
+    group.add_argument('--depth-scale', choices=('log', 'linear'), default='log', help=(
+        'steps of the depth in LeRobot: finer ones near the camera, or equal ones [%(default)s]'))
     group.add_argument('--state', metavar='TOPIC.FIELD', action='append', default=[], help=(
         'numbers of observation.state, such as /joint_states.position; several follow each other'))
     group.add_argument('--action', metavar='TOPIC.FIELD', action='append', default=[], help=(
@@ -154,6 +162,14 @@ def _seconds(text: str) -> float:
     if not 0 < seconds < 1e6:
         raise argparse.ArgumentTypeError(f'{text!r} is not a number of seconds above 0')
     return seconds
+
+
+def _depth_range(text: str) -> tuple[float, float]:
+    low, high = number_range(text)
+    if low < 0 or high > _FARTHEST:
+        raise argparse.ArgumentTypeError(
+            f'{text!r} is not within 0:{_FARTHEST:g}, the metres that LeRobot can read')
+    return low, high
 
 
 def _names(text: str) -> tuple[str, ...]:

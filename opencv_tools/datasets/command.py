@@ -29,8 +29,8 @@ from opencv_tools.datasets.conversion import Conversion
 from opencv_tools.datasets.episodes import read_intervals
 from opencv_tools.datasets.errors import DatasetError, os_reason
 from opencv_tools.datasets.plan import (
-    ACTION, Interval, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan, RESERVED,
-    STATE, unique)
+    ACTION, Interval, LEROBOT, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan,
+    RESERVED, STATE, unique)
 from opencv_tools.datasets.set_writing import merge_shards
 
 
@@ -46,15 +46,23 @@ def plan_of(options: Namespace) -> Plan:
     is_next = options.action == [NEXT]
     vectors = _vectors(options, is_next)
     images = [parse_named(text, 'a camera') for text in options.image]
-    if not images and not vectors:
-        raise DatasetError('nothing is selected: give --image, --state, --action or --vector')
+    depth = [(f'{name}_depth', topic) for name, topic in (
+        parse_named(text, 'a camera') for text in options.depth)]
+    if not images and not depth and not vectors:
+        raise DatasetError('nothing is selected: give --image, --depth, --state, --action or '
+                           '--vector')
+    if options.format != LEROBOT and (options.depth_range, options.depth_scale) != (
+            Plan.depth_range, Plan.depth_scale):
+        raise DatasetError(f'--depth-range and --depth-scale are for {LEROBOT}; PNG have '
+                           'millimetres')
     for option, text in (('--task', options.task), ('--robot', options.robot_type)):
         if not text.isprintable():
             raise DatasetError(f"{option} '{printable(text)}' is not a printable text")
     episodes, intervals = _episodes(options.episodes)
     given = {one.name: getattr(options, one.name) for one in fields(Plan) if one.name in options}
     return Plan(**given | {
-        'images': unique(images), 'vectors': unique(vectors), 'next_action': is_next,
+        'images': unique(images + depth), 'depth': tuple(name for name, _ in depth),
+        'vectors': unique(vectors), 'next_action': is_next,
         'splits': options.on_gap == 'split', 'episodes': episodes, 'intervals': intervals})
 
 

@@ -26,10 +26,12 @@ from typing import Any
 
 import numpy as np
 from opencv_tools.base.remedies import installation
+from opencv_tools.datasets.depth import codes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import ACTION, IMAGES, Plan, STAMPS
 from opencv_tools.datasets.statistics import Statistics
-from opencv_tools.datasets.videos import CODEC, KEY_INTERVAL, PIXELS, PRESET
+from opencv_tools.datasets.videos import (
+    CODEC, DEPTH_CODEC, DEPTH_PIXELS, KEY_INTERVAL, LOSSLESS, PIXELS, PRESET)
 
 VERSION = 'v3.0'
 INFO, STATS, TASKS = 'meta/info.json', 'meta/stats.json', 'meta/tasks.parquet'
@@ -76,14 +78,19 @@ def plan_features(plan: Plan, sizes: Mapping[str, tuple[int, int]]) -> Features:
     if plan.next_action:
         features[ACTION] = dict(features['observation.state'])
     for name, (width, height) in sizes.items():
-        is_even = not (width % 2 or height % 2)
+        is_even, is_depth = not (width % 2 or height % 2), name in plan.depth
+        channels = 1 if is_depth else 3
+        settings = {
+            'video.codec': DEPTH_CODEC, 'video.pix_fmt': DEPTH_PIXELS, 'depth_unit': 'm',
+            'video.extra_options': {'x265-params': LOSSLESS}, **codes_of(plan).info,
+        } if is_depth else {'video.codec': CODEC, 'video.crf': plan.crf,
+                            'video.pix_fmt': PIXELS if is_even else 'yuv444p'}
         features[IMAGES + name] = {
-            'dtype': 'video', 'shape': [height, width, 3],
+            'dtype': 'video', 'shape': [height, width, channels],
             'names': ['height', 'width', 'channels'],
-            'info': {'video.height': height, 'video.width': width, 'video.codec': CODEC,
-                     'video.pix_fmt': PIXELS if is_even else 'yuv444p', 'video.fps': plan.fps,
-                     'video.channels': 3, 'video.g': KEY_INTERVAL, 'video.crf': plan.crf,
-                     'video.preset': PRESET, 'is_depth_map': False, 'has_audio': False}}
+            'info': {'video.height': height, 'video.width': width, 'video.fps': plan.fps,
+                     'video.channels': channels, 'video.g': KEY_INTERVAL, 'video.preset': PRESET,
+                     **settings, 'is_depth_map': is_depth, 'has_audio': False}}
     names = [name for name, _ in plan.images] + [str(source) for source in plan.sources]
     features[STAMPS] = {'dtype': 'int64', 'shape': [len(names)], 'names': names}
     for name, kind in DEFAULT_TYPES.items():

@@ -41,7 +41,8 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
     :param recording: samples of the bag, which others may read at the same time.
     :param episodes: rows of each episode.
     :returns: an iterator over the number of the sample that is shown and its picture, whose
-        ``image`` is (h, w, 3) BGR. A picture that cannot be decoded is replaced by the one before.
+        ``image`` is (h, w, 3) BGR, or (h, w) for depth. A picture that
+        cannot be decoded is replaced by the one before.
     :raises DatasetError: no picture can be decoded before the first row, or for too long, a
         picture cannot be converted, or its size is another one.
     """
@@ -49,7 +50,8 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
     samples = np.concatenate([rows.samples[name] for rows in episodes]).tolist()
     times = np.concatenate([rows.times for rows in episodes]).tolist()
     wanted = sorted(set(samples))
-    pictures = bag_pictures(recording.bag, track.topic, track.messages[wanted].tolist())
+    pictures = bag_pictures(recording.bag, track.topic, track.messages[wanted].tolist(),
+                            is_depth=name in plan.depth)
     current = -1
     shown: tuple[int, OutputImage] | None = None
     size: tuple[int, int] | None = None
@@ -85,6 +87,11 @@ def _check_age(plan: Plan, name: str, age_ns: int) -> None:
     if abs(age_ns) > plan.max_gap * NANO:
         raise DatasetError(f'{name} has no picture that can be decoded for {age_ns / NANO:.3f} s; '
                            f'at most {plan.max_gap:g} s are allowed: use a larger --max-gap')
+
+
+def depth_png(image: NDArray[np.uint16]) -> bytes:
+    """Return a PNG of depth in millimetres."""
+    return cv2.imencode('.png', image)[1].tobytes()
 
 
 def luma(image: NDArray[np.uint8]) -> NDArray[np.uint8]:

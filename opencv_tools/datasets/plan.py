@@ -34,6 +34,8 @@ RESERVED = ('timestamp', 'frame_index', 'episode_index', 'index', 'task_index', 
             'episode', 'frame', 'task')
 #: Value of --action for the state of the next row.
 NEXT = 'next'
+#: Depths in metres that LeRobot stores if no others are given.
+DEPTH_RANGE = (0.01, 10.0)
 LEROBOT, WEBDATASET, PARQUET = FORMATS = ('lerobot', 'webdataset', 'parquet')
 
 # A name becomes a part of the name of a file and of a key of a sample in a tar archive.
@@ -84,6 +86,9 @@ class Plan:
     :param format: one of ``FORMATS``.
     :param fps: rows of a second.
     :param images: name of each camera, and its topic.
+    :param depth: names of those cameras of ``images`` that are for depth.
+    :param depth_range: smallest and largest depth of videos in metres.
+    :param depth_scale: 'log' or 'linear' steps of the depth of videos.
     :param vectors: name of each feature of numbers, and the sources that follow each other in it.
     :param next_action: whether the action is the state of the next row.
     :param image_choice: which image belongs to a row: 'last' before it, or 'nearest'.
@@ -101,6 +106,9 @@ class Plan:
     format: str = LEROBOT  # noqa: A003
     fps: int
     images: tuple[tuple[str, str], ...] = ()
+    depth: tuple[str, ...] = ()
+    depth_range: tuple[float, float] = DEPTH_RANGE
+    depth_scale: str = 'log'
     vectors: tuple[tuple[str, tuple[NumbersSource, ...]], ...] = ()
     next_action: bool = False
     task: str = ''

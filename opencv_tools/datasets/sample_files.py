@@ -15,7 +15,7 @@
 """
 Data sets of single samples: WebDataset (tar) and Parquet, one file a bag.
 
-A picture that is a JPEG in the bag is stored as it is.
+A picture that is a JPEG in the bag is stored as it is. Depth is a PNG of 16 bits in millimetres.
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ from typing import Any
 
 import numpy as np
 from opencv_tools.base.text import MAX_PATH, printable
+from opencv_tools.datasets.depth import codes_of, DepthImages
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
-from opencv_tools.datasets.pictures import row_pictures
+from opencv_tools.datasets.pictures import depth_png, row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
 from opencv_tools.datasets.row_values import row_vectors, shortened, shown_rows
 from opencv_tools.datasets.rows import Rows
@@ -58,22 +59,25 @@ def write_samples(plan: Plan, recording: Recording, episodes: Sequence[Rows],
     """
     path = folder / SAMPLES[plan.format]
     shown: dict[str, list[int]] = {camera: [] for camera, _ in plan.images}
-    samples = _samples(plan, recording, episodes, name, shown)
+    depth = {camera: DepthImages(camera, codes_of(plan)) for camera in plan.depth}
+    samples = _samples(plan, recording, episodes, name, shown, depth)
     write = _write_tar if plan.format == WEBDATASET else _write_parquet
     write(path, samples)
     kept = shown_rows(shortened(plan, episodes), {
         camera: np.array(one) for camera, one in shown.items()}, recording.warnings)
     described = [{'length': len(rows.times), 'task': rows.task or plan.task} for rows in kept]
-    return {'features': plan_features(plan, {}), 'episodes': described}, kept
+    recording.warnings.extend(text for one in depth.values() for text in one.warnings)
+    return {'features': plan_features(plan, {}), 'episodes': described,
+            'depth': {camera: one.account for camera, one in depth.items()}}, kept
 
 
 def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: str,
-             shown: dict[str, list[int]],
+             shown: dict[str, list[int]], depth: dict[str, DepthImages],
              ) -> Iterator[tuple[str, dict[str, Any], dict[str, bytes]]]:
     """
-    Yield the key of each sample, its numbers and texts, and the JPEG of each camera.
+    Yield the key of each sample, its numbers and texts, and the file of each camera by its name.
 
-    The numbers of the samples that cameras show are added to ``shown``.
+    The numbers of the samples that cameras show are added to ``shown``, pixels to ``depth``.
     """
     vectors = row_vectors(plan, recording, episodes)
     kept = shortened(plan, episodes)
@@ -84,24 +88,26 @@ def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: s
             for row in range(len(rows.times)):
                 stamps = {one: int(track.times[rows.samples[one][row]])
                           for one, track in recording.tracks.items()}
-                jpegs = {}
+                files = {}
                 for camera, pictures in cameras.items():
                     sample, picture = next(pictures)
                     shown[camera].append(sample)
                     stamps[camera] = int(recording.tracks[camera].times[sample])
-                    jpegs[camera] = picture.compressed[0].tobytes()
+                    if camera in depth:
+                        files[f'{camera}.png'] = depth_png(depth[camera].read(picture))
+                    else:
+                        files[f'{camera}.jpg'] = picture.compressed[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
                 yield f'{number:06d}_{row:06d}', {
                     'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row,
                     'timestamp': row / plan.fps, 'task': rows.task or plan.task,
-                    'stamp_ns': stamps, **values}, jpegs
+                    'stamp_ns': stamps, **values}, files
 
 
 def _write_tar(path: Path, samples: Iterator[tuple[str, dict[str, Any], dict[str, bytes]]],
                ) -> None:
     with tarfile.open(path, 'w', format=tarfile.USTAR_FORMAT) as archive:
-        for key, values, jpegs in samples:
-            files = {f'{camera}.jpg': data for camera, data in jpegs.items()}
+        for key, values, files in samples:
             for suffix, data in {**files, 'json': json.dumps(values).encode()}.items():
                 member = tarfile.TarInfo(f'{key}.{suffix}')
                 member.size = len(data)
@@ -114,9 +120,9 @@ def _write_parquet(path: Path, samples: Iterator[tuple[str, dict[str, Any], dict
     rows: list[dict[str, Any]] = []
     writer: Any = None
     try:
-        for _, values, jpegs in samples:
+        for _, values, files in samples:
             stamps = {f'stamp_ns.{name}': one for name, one in values.pop('stamp_ns').items()}
-            pictures = {IMAGES + camera: data for camera, data in jpegs.items()}
+            pictures = {IMAGES + Path(file).stem: data for file, data in files.items()}
             rows.append({**values, **stamps, **pictures})
             if len(rows) == _GROUP_ROWS:
                 writer = _write_group(pa, path, writer, rows)

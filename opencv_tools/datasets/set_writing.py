@@ -22,6 +22,7 @@ from typing import Any
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import MAX_PATH, printable
+from opencv_tools.datasets.depth import METRE
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
 from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
@@ -48,6 +49,19 @@ def topic_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
+def depth_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a sentence about the pixels of each depth camera; see `topic_lines`."""
+    lines = []
+    for name in parts[0].get('depth', {}):
+        found = [part['depth'][name] for part in parts]
+        sums = {key: sum(one[key] for one in found) for key in found[0]}
+        worst = max(one['largest_error'] for one in found) * METRE
+        lines.append(f'{printable(name)}: {sums["none"]} of {sums["pixels"]} pixels have no '
+                     f'depth, {sums["nearer"]} are nearer and {sums["farther"]} farther than '
+                     f'stored; the largest error of the others is {worst:.2f} mm')
+    return lines
+
+
 def write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
     """
     Write a set of parts, and log its account; return whether they fit each other.
@@ -62,7 +76,7 @@ def write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
     except DatasetError as err:
         log.error(str(err))
         return False
-    for line in topic_lines(described):
+    for line in [*topic_lines(described), *depth_lines(described)]:
         log.info(line)
     episodes = [episode for part in described for episode in part['episodes']]
     log.info(f'{printable(target, MAX_PATH)} has {len(episodes)} episodes with '

@@ -61,31 +61,37 @@ def sampled_rows(count: int) -> NDArray[np.int64]:
 class ImageStatistics:
     """Statistics of the images of an episode, by a count of the levels of each channel."""
 
-    def __init__(self) -> None:
-        self._counts = np.zeros((3, _LEVELS))
+    def __init__(self, depths: NDArray[np.float32] | None = None) -> None:
+        """
+        Create statistics without an image.
+
+        :param depths: (n,) depth of each code of images of depth; None for colours.
+        """
+        self._values = np.arange(_LEVELS) if depths is None else depths
+        self._counts = np.zeros((3 if depths is None else 1, len(self._values)))
+        self._scale = _LEVELS - 1 if depths is None else 1
         self._images = 0
 
-    def add(self, image: NDArray[np.uint8]) -> None:
+    def add(self, image: NDArray[np.uint8] | NDArray[np.uint16]) -> None:
         """
         Add an image, of which only some pixels are counted if it is large.
 
-        :param image: (h, w, 3) array in BGR.
+        :param image: (h, w, 3) array in BGR, or (h, w) codes of depth.
         """
         height, width = image.shape[:2]
         if max(height, width) >= _SMALL:
             step = max(1, (width if width > height else height) // _TARGET)
             image = image[::step, ::step]
-        for channel in range(3):  # RGB
-            levels = image[..., 2 - channel].ravel()
-            self._counts[channel] += np.bincount(levels, minlength=_LEVELS)
+        for counts, levels in zip(self._counts[::-1], np.moveaxis(np.atleast_3d(image), 2, 0)):
+            counts += np.bincount(levels.ravel(), minlength=len(counts))
         self._images += 1
 
     def statistics(self) -> Statistics:
-        """Return the statistics, of shape (3, 1, 1) in RGB and from 0 to 1."""
+        """Return the statistics, of shape (3, 1, 1) in RGB and from 0 to 1, or (1, 1, 1)."""
         found = _joined_columns([
-            _column_statistics(np.flatnonzero(counts).astype(np.float64), counts[counts > 0])
+            _column_statistics(self._values[counts > 0].astype(np.float64), counts[counts > 0])
             for counts in self._counts], self._images)
-        return {name: value if name == 'count' else (value / 255).reshape(3, 1, 1)
+        return {name: value if name == 'count' else (value / self._scale).reshape(-1, 1, 1)
                 for name, value in found.items()}
 
 

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Videos of a data set: H.264 in MP4, with frame k exactly at k / fps."""
+"""Videos of a data set: H.264, or HEVC for depth, in MP4, with frame k exactly at k / fps."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.regular_files import open_regular
+from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.recording.errors import VideoError
@@ -34,6 +35,8 @@ from opencv_tools.recording.video.writer import check_video, to_video_frame
 # PyAV is imported in functions, because the import is slow.
 
 CODEC, PIXELS = 'h264', 'yuv420p'
+#: Depth: codes of 12 bits without losses.
+DEPTH_CODEC, DEPTH_PIXELS, LOSSLESS = 'hevc', 'gray12le', 'lossless=1'
 #: Frames from one key frame to the next. Training reads single frames, so few are decoded for one.
 KEY_INTERVAL = 2
 PRESET = 'superfast'
@@ -43,12 +46,13 @@ _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
 class VideoFileWriter:
     """Writer of a video of one camera."""
 
-    def __init__(self, path: Path, fps: int, crf: int, threads: int = 1) -> None:
+    def __init__(self, path: Path, fps: int, crf: int, threads: int = 1,
+                 is_depth: bool = False) -> None:
         """
         Create the file; the first frame decides on the size.
 
         :param fps: frames of a second.
-        :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest).
+        :param crf: constant rate factor of x264, from 0 (best) to 51 (smallest); depth has none.
         :raises DatasetError: PyAV or its encoder is missing.
         """
         try:
@@ -57,26 +61,36 @@ class VideoFileWriter:
             raise DatasetError(str(err)) from err
         import av
         self._container: Any = av.open(str(path), 'w', format='mp4')
-        self._stream = self._container.add_stream('libx264', rate=fps, options={
-            'preset': PRESET, 'crf': str(crf), 'g': str(KEY_INTERVAL), 'bf': '0',
-            'forced-idr': '1', 'sc_threshold': '0', 'threads': str(threads),
-            'colorspace': 'smpte170m', 'color_range': 'tv'})
+        options = {'preset': PRESET, 'g': str(KEY_INTERVAL), 'bf': '0', 'forced-idr': '1'}
+        options |= {'x265-params': f'{LOSSLESS}:scenecut=0:min-keyint=1:log-level=error:'
+                                   f'pools={threads}'} if is_depth else {
+            'crf': str(crf), 'sc_threshold': '0', 'threads': str(threads),
+            'colorspace': 'smpte170m', 'color_range': 'tv'}
+        try:
+            self._stream = self._container.add_stream(
+                'libx265' if is_depth else 'libx264', rate=fps, options=options)
+        except ValueError as err:
+            self.abandon()
+            raise DatasetError('depth needs libx265, which the installed PyAV does not include; '
+                               f'{installation("--force-reinstall av")}') from err
+        self._is_depth = is_depth
         self._fps, self._frames = fps, 0
         self._last: tuple[int, Any] = -1, None
 
-    def write(self, number: int, image: NDArray[np.uint8], is_first: bool) -> None:
+    def write(self, number: int, image: NDArray[Any], is_first: bool) -> None:
         """
         Write a frame.
 
         :param number: number of the picture; that of the last frame for the same one again.
-        :param image: (h, w, 3) array in BGR; its size is that of the first frame.
+        :param image: (h, w, 3) array in BGR, or (h, w) codes of depth, of the size of the first.
         :param is_first: whether an episode begins.
         :raises DatasetError: the frame cannot be encoded.
         """
         import av
         try:
             if number != self._last[0]:
-                self._last = number, to_video_frame(image, 'bgr8', '.mp4').frame
+                self._last = number, (_depth_frame(image) if self._is_depth else
+                                      to_video_frame(image, 'bgr8', '.mp4').frame)
             frame = self._last[1]
             if not self._frames:
                 context = self._stream.codec_context
@@ -184,6 +198,31 @@ def frame_luma(frame: Any) -> NDArray[np.uint8]:
     plane = frame.planes[0]
     rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:, :plane.width]
     return np.clip((rows.astype(np.float32) - 16) * (255 / 219), 0, 255).astype(np.uint8)
+
+
+def frame_codes(frame: Any) -> NDArray[np.uint16]:
+    """
+    Return the codes of a frame of depth, (h, w), as LeRobot reads them.
+
+    :raises DatasetError: a frame of its format has none.
+    """
+    import av
+    try:
+        codes: NDArray[np.uint16] = frame.to_ndarray(format=DEPTH_PIXELS)
+    except (av.error.FFmpegError, ValueError) as err:
+        raise DatasetError(f'a frame of {frame.format.name} is no depth: {printable(err)}'
+                           ) from err
+    return codes
+
+
+def _depth_frame(codes: NDArray[np.uint16]) -> Any:
+    import av
+    height, width = codes.shape
+    frame = av.VideoFrame(width, height, DEPTH_PIXELS)
+    plane = frame.planes[0]
+    rows = np.frombuffer(plane, np.uint16)  # type: ignore[call-overload]
+    rows.reshape(-1, plane.line_size // 2)[:height, :width] = codes
+    return frame
 
 
 def _copied_stream(output: Any, template: Any) -> Any:

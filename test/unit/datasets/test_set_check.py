@@ -30,7 +30,8 @@ from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 from opencv_tools.convert.cli import main
 from opencv_tools.datasets import set_reader
-from opencv_tools.datasets.check import row_problems, video_problems
+from opencv_tools.datasets.check import row_problems
+from opencv_tools.datasets.check_videos import video_problems
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.set_reader import SetReader
 from opencv_tools.datasets.videos import VideoFileWriter
