@@ -31,7 +31,7 @@ from opencv_tools.datasets.plan import DEPTH_RANGE, FORMATS, LEROBOT
 
 _MODES = ('--format', '--check', '--merge')
 _MOST_SHARDS = 1_000_000
-_FARTHEST = 65.535  # metres; LeRobot reads millimetres of 16 bits
+_FARTHEST, _LEAST = 65.535, 0.001  # metres; LeRobot reads millimetres of 16 bits
 
 _EXAMPLES = """\
 examples:
@@ -166,9 +166,9 @@ def _seconds(text: str) -> float:
 
 def _depth_range(text: str) -> tuple[float, float]:
     low, high = number_range(text)
-    if low < 0 or high > _FARTHEST:
-        raise argparse.ArgumentTypeError(
-            f'{text!r} is not within 0:{_FARTHEST:g}, the metres that LeRobot can read')
+    if low < 0 or high > _FARTHEST or high - low < _LEAST:
+        raise argparse.ArgumentTypeError(f'{text!r} is no range of 1 mm or more within '
+                                         f'0:{_FARTHEST:g}, the metres that LeRobot can read')
     return low, high
 
 

@@ -38,6 +38,7 @@ METRE = 1000.0  # millimetres
 #: Settings of a feature in info.json, and the values that LeRobot takes for missing ones.
 _KEYS: dict[str, Any] = {'video.depth_min': DEPTH_RANGE[0], 'video.depth_max': DEPTH_RANGE[1],
                          'video.shift': 3.5, 'video.use_log': True}
+_LEAST = 1e-6  # metres of a range: the logarithms of its limits differ
 _POINTS = 8  # of the small picture, in each direction
 
 
@@ -72,14 +73,14 @@ class DepthCodes:
         low, high, shift, is_log = given = [info.get(key, value) for key, value in _KEYS.items()]
         if not isinstance(is_log, bool) or not all(
                 type(one) in (int, float) and abs(one) < 1e6 for one in given[:3]) or (
-                not low < high or (is_log and low + shift <= 0)):
+                not low + _LEAST <= high or (is_log and low + shift <= 0)):
             raise DatasetError('it has the depth settings '
                                f'{", ".join(map(repr, given))[:80]}, which give no range')
         return cls(low, high, shift, is_log)
 
     @property
     def info(self) -> dict[str, Any]:
-        """Settings of a feature in ``info.json``."""
+        """Return the settings of a feature in ``info.json``."""
         return dict(zip(_KEYS, (self.low, self.high, self.shift, self.is_log)))
 
     @cached_property
@@ -165,7 +166,7 @@ class DepthImages:
 
     @property
     def warnings(self) -> list[str]:
-        """A sentence about the pixels that are nearer, and one about those that are farther."""
+        """Return a sentence about the pixels that are nearer, and about those that are farther."""
         limits = {'nearer': self._codes.low, 'farther': self._codes.high}
         return [f'{self._name}: {self.account[key]} of {self.account["pixels"]} pixels are {key} '
                 f'than {limit:g} m, and become the nearest depth that is stored'

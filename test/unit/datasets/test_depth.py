@@ -188,7 +188,9 @@ def read_pngs(folder: Path, form: str) -> list[Image]:
             opened = [archive.extractfile(one) for one in archive if one.name.endswith(
                 '.wrist_depth.png')]
             contents = [one.read() for one in opened if one]
-    return [cv2.imdecode(np.frombuffer(one, np.uint8), cv2.IMREAD_UNCHANGED) for one in contents]
+    found: list[Any] = [cv2.imdecode(np.frombuffer(one, np.uint8), cv2.IMREAD_UNCHANGED)
+                        for one in contents]
+    return found
 
 
 @pytest.mark.parametrize('form', ['webdataset', 'parquet'])
@@ -286,7 +288,8 @@ def test_check_of_unknown_origin(tmp_path: Path, capsys: Output, pixels: str) ->
 @pytest.mark.parametrize('changed', [
     {'video.depth_min': 10}, {'video.depth_min': 'x'}, {'video.depth_max': float('nan')},
     {'video.depth_max': 1e300}, {'video.shift': -5}, {'video.shift': None},
-    {'video.use_log': 'yes'}, {'video.depth_min': True}, {'video.depth_max': [1]}])
+    {'video.use_log': 'yes'}, {'video.depth_min': 9.999999999999998}, {'video.depth_min': True},
+    {'video.depth_max': [1]}])
 def test_hostile_settings(tmp_path: Path, capsys: Output, changed: dict[str, Any]) -> None:
     folder = made(tmp_path, [picture(0)])
     info = info_of(folder)
@@ -321,8 +324,9 @@ def test_statistics_in_metres(tmp_path: Path) -> None:
     ((*DEPTH, '--depth-range', '4'), 'is not LOW:HIGH'),
     ((*DEPTH, '--depth-range', '4:4'), 'is not LOW:HIGH'),
     ((*DEPTH, '--depth-range', '0:nan'), 'is not LOW:HIGH'),
-    ((*DEPTH, '--depth-range=-1:4'), 'is not within 0:65.535'),
-    ((*DEPTH, '--depth-range', '0:66'), 'is not within 0:65.535'),
+    ((*DEPTH, '--depth-range=-1:4'), 'within 0:65.535'),
+    ((*DEPTH, '--depth-range', '0:66'), 'within 0:65.535'),
+    ((*DEPTH, '--depth-range', '1:1.0000000000000003'), 'no range of 1 mm or more'),
     ((*DEPTH, '--depth-scale', 'cubic'), 'invalid choice'),
     ((*DEPTH, '--format', 'parquet', '--depth-range', '0:1'), 'PNG have millimetres')])
 def test_invalid_options(tmp_path: Path, capsys: Output, words: tuple[str, ...], sentence: str,
@@ -349,6 +353,60 @@ def test_images_of_the_other_kind(tmp_path: Path, capsys: Output, option: str, e
         assert convert(tmp_path / 'a.mcap', tmp_path / 'set', option, f'wrist={TOPIC}',
                        form=form) == 1
         assert sentence in capsys.readouterr().err
+
+
+def png_entry(number: int, image: Image, format_text: str) -> Entry:
+    """Return a compressed image without the header of depth, a JPEG for 8 bits."""
+    suffix = '.png' if image.dtype == np.uint16 else '.jpg'
+    data = cv2.imencode(suffix, image)[1].tobytes()
+    time_ns = BEGAN + number * NANO // 30
+    header = WireHeader(time_ns // NANO, time_ns % NANO, 'depth')
+    return Entry(time_ns, compressed_image_to_cdr(WireCompressedImage(
+        header=header, format=format_text, data=data)), TOPIC, COMPRESSED_IMAGE)
+
+
+@pytest.mark.parametrize('text', [
+    '16UC1; png compressed ', 'mono16; png compressed mono16', 'png'])
+def test_plain_png_of_16_bits(tmp_path: Path, text: str) -> None:
+    write_mcap(tmp_path / 'a.mcap', with_definitions(
+        [png_entry(number, picture(number), text) for number in range(3)]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH, form='webdataset') == 0
+    assert (read_pngs(tmp_path / 'set', 'webdataset')[2] == picture(2)).all()
+
+
+def test_jpeg_is_no_depth(tmp_path: Path, capsys: Output) -> None:
+    write_mcap(tmp_path / 'a.mcap', with_definitions(
+        [png_entry(0, np.zeros((16, 16, 3), np.uint8), 'jpeg')]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 1
+    assert 'wrist_depth: an image of bgr8 is no depth' in capsys.readouterr().err
+
+
+def test_dry_run_names_depth(tmp_path: Path, capsys: Output) -> None:
+    write_mcap(tmp_path / 'a.mcap', with_definitions([entry(0, picture(0))]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH, '--dry-run') == 0
+    assert f'{TOPIC} (sensor_msgs/msg/Image, 1): {KEY}' in capsys.readouterr().out
+
+
+def test_missing_encoder_of_depth(tmp_path: Path, capsys: Output,
+                                  monkeypatch: pytest.MonkeyPatch) -> None:
+    real = av.container.OutputContainer.add_stream
+
+    class Container:
+
+        def __init__(self, *words: Any, **options: Any) -> None:
+            self.opened = real_open(*words, **options)
+
+        def add_stream(self, codec: str, **options: Any) -> Any:
+            return real(self.opened, 'libnone' if codec == 'libx265' else codec, **options)
+
+        def close(self) -> None:
+            self.opened.close()
+
+    real_open = av.open
+    monkeypatch.setattr(av, 'open', Container)
+    write_mcap(tmp_path / 'a.mcap', with_definitions([entry(0, picture(0))]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 1
+    assert 'depth needs libx265' in capsys.readouterr().err
 
 
 def test_depth_that_changes_its_size(tmp_path: Path, capsys: Output) -> None:
