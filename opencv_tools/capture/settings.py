@@ -70,8 +70,8 @@ class CaptureSettings(CameraRequest):
         'alpha, png, or auto for png where jpeg would reduce an image', choices=COMPRESSED_FORMATS,
         changeable=True)
     depth_format: str = parameter(
-        'png', 'Codec of video_frames/compressedDepth: png, which is smaller, or rvl, which is '
-        'faster', choices=DEPTH_CODECS, changeable=True)
+        'png', 'Codec of video_frames/compressedDepth: png, which more readers know, or rvl, '
+        'which is faster', choices=DEPTH_CODECS, changeable=True)
     depth_max: float = parameter(
         10.0, 'Depth in metres up to which video_frames/compressedDepth has 32FC1 images; what is '
         'farther becomes NaN', bounds=(0.1, 1e4), changeable=True)

@@ -95,7 +95,7 @@ class DepthSettings:
     """
     How a publisher stores images of depth on ``<topic>/compressedDepth``.
 
-    :param codec: ``'png'``, which is smaller, or ``'rvl'``, which is faster.
+    :param codec: ``'png'``, which more readers know, or ``'rvl'``, which is faster.
     :param farthest: depth in metres from which ``32FC1`` images have NaN.
     :raises ValueError: a value is invalid.
     """

@@ -25,6 +25,7 @@ from typing import Any
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
+from opencv_tools.image.compressed_depth import COMPRESSED_DEPTH
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.subscription import FrameSubscription
 from opencv_tools.topics.topic_discovery import image_topics, UNKNOWN_NODE
@@ -143,7 +144,9 @@ class Graph:
         """
         self._node = node
         self._patterns = patterns
-        self._transport = transport
+        is_depth = transport == COMPRESSED_DEPTH
+        self._transport = 'compressed' if is_depth else transport
+        self._ending = f'/{COMPRESSED_DEPTH}' if is_depth else ''
         self._log = log
         self.control = control
         self._numbers: dict[str, int] = {}
@@ -225,7 +228,8 @@ class Graph:
                        if self._transport in ('auto', transport)}
         for name in image_topics(self._node, types_shown):
             base = base_name(name)
-            if not name.endswith(_OTHER_TRANSPORTS) and self._is_wanted(base):
+            if (name.endswith(self._ending) and not name.endswith(_OTHER_TRANSPORTS)
+                    and self._is_wanted(base)):
                 yield base, name
 
     def _reason(self, topic: ViewTopic, feed: Feed, subscription: FrameSubscription) -> str:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from opencv_tools.image.compressed_depth import COMPRESSED_DEPTH
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.settings import NodeSettings
 from opencv_tools.topics.errors import ParameterError
@@ -58,7 +57,7 @@ class ViewerSettings(NodeSettings):
         '', 'Image topics to show, separated by commas, with * for any text; empty for all')
     transport: str = parameter(
         'auto', 'Image transport to subscribe to; auto prefers compressed images',
-        choices=tuple(name for name in TRANSPORTS if name != COMPRESSED_DEPTH))
+        choices=tuple(TRANSPORTS))
     video: str = parameter(
         'auto', 'Whether pages get video that their browser decodes; auto passes video topics on, '
         'and always encodes images too', choices=('auto', 'never', 'always'))
