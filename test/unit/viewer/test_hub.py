@@ -22,6 +22,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Thread
 from typing import Any
 
+from conftest import spin_until
 from opencv_tools.base.logs import Log
 from opencv_tools.viewer import hub as hub_module
 from opencv_tools.viewer.errors import RequestError
@@ -36,6 +37,7 @@ from opencv_tools.viewer.watched import Watched
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from sensor_msgs.msg import CompressedImage, Image
 from waiting import due, result_of, until
 
 Run = Callable[[Callable[[Hub], Coroutine[Any, Any, None]]], None]
@@ -175,6 +177,18 @@ def test_only_the_feed_of_a_subscription_closes_it(node: Node) -> None:
     assert key[0] in graph.state().topics
     graph.close(key, feed)
     assert not graph.state().topics
+
+
+@pytest.mark.parametrize(('transport', 'shown'), [
+    ('compressedDepth', ['/depth/compressedDepth']), ('raw', ['/depth']),
+    ('compressed', ['/depth', '/depth/compressedDepth']),
+    ('auto', ['/depth', '/depth/compressedDepth'])])
+def test_topics_of_a_transport(node: Node, transport: str, shown: list[str]) -> None:
+    node.create_publisher(Image, '/depth', 1)
+    for end in ('compressed', 'compressedDepth'):
+        node.create_publisher(CompressedImage, f'/depth/{end}', 1)
+    graph = Graph(node, (), transport, Log(node.get_logger()), None)
+    spin_until(node, lambda: [*graph.state().topics] == shown)
 
 
 def test_end_without_pages(run: Run) -> None:
