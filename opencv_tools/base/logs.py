@@ -75,7 +75,7 @@ class LineWriter(Protocol):
 
 
 class ConsoleWriter:
-    """Writer of lines on standard error, without details for developers."""
+    """Writer of whole lines on standard error, without details for developers; thread-safe."""
 
     def __init__(self, command: str) -> None:
         """
@@ -84,13 +84,15 @@ class ConsoleWriter:
         :param command: name of the command, with which each line begins.
         """
         self._command = command
+        self._lock = Lock()
 
     def debug(self, message: str, /) -> None:
         """Discard a detail for developers."""
 
     def info(self, message: str, /) -> None:
         """Write normal progress."""
-        print(f'{self._command}: {message}', file=sys.stderr, flush=True)
+        with self._lock:
+            print(f'{self._command}: {message}\n', end='', file=sys.stderr, flush=True)
 
     def warning(self, message: str, /) -> None:
         """Write a possible problem."""

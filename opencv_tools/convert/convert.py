@@ -319,8 +319,9 @@ class _Conversion:
             is_complete = self._record(recorder, sink, chain((first,), frames))
         counts = recorder.counts
         failed = counts.failed + self._unreadable
+        count, rate = self._progress.count, self._progress.average_rate()
         self._log.info(
-            f'Converted {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
+            f'Converted {count} frame{"s" * (count != 1)}{f" at {rate:.1f} Hz" if rate else ""}: '
             f'{counts.written} written to {self._written or self._folder}, {failed} failed'
             + (f', {counts.left_out} left out before a key frame' if counts.left_out else ''))
         is_ok = is_complete and not (failed or counts.left_out or recorder.is_unfinished)
@@ -367,15 +368,15 @@ class _Conversion:
         :raises ValueError: a loss is not allowed.
         """
         compressed = self._request.compressed
-        has_eight_bits = self._names.suffix in (*_LOSSY_FORMATS, '.bmp', '.webp')
+        suffix = COMPRESSED_SUFFIXES.get(compressed, self._names.suffix)
+        has_eight_bits = suffix in (*_LOSSY_FORMATS, '.bmp', '.webp')
         if self._request.lossy and not self._request.limits and has_eight_bits and (
                 frame.encoding not in (JPEG, VIDEO) and is_number(find_encoding(frame.encoding))):
             least, most = finite_limits(frame.image)
             raise ValueError(
-                f'{frame.encoding} frames become 8 bits in {self._names.suffix}: give --range '
+                f'{frame.encoding} frames become 8 bits in {suffix}: give --range '
                 'LOW:HIGH, the numbers that become black and white; those of the first frame are '
                 f'{least:g} to {most:g}')
-        suffix = COMPRESSED_SUFFIXES.get(compressed, self._names.suffix)
         if self._request.lossy or suffix in _LOSSLESS_FOR_ALL or frame.encoding == VIDEO:
             return
         if frame.encoding != JPEG and find_encoding(frame.encoding).kind in ('bayer', 'yuv'):

@@ -38,7 +38,7 @@ from opencv_tools.recording.file_sink import FileFormat, FileSink, OpenFile, Roo
 from opencv_tools.recording.folder import Folder
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
-    COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order)
+    COMPRESSED_SUFFIXES, encode_frame, EncoderSettings, file_order, is_number)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.numbering import Numbering
 from opencv_tools.recording.recorder import Prepared
@@ -363,9 +363,12 @@ def _compressed_message(
         raise UnwritableError(
             f'a {metadata.encoding} frame cannot be compressed as {settings.compression}; record '
             'it uncompressed') from err
+    # Gray within a range is no depth in millimetres.
+    is_reduced = is_number(find_encoding(metadata.encoding))
+    original = encoded.encoding if is_reduced else metadata.encoding
     message = WireCompressedImage(
         header=WireHeader(*divmod(metadata.stamp_ns, NANO), metadata.frame_id),
-        format=f'{metadata.encoding}; {settings.compression} compressed '
+        format=f'{original}; {settings.compression} compressed '
                f'{file_order(find_encoding(encoded.encoding)).name}',
         data=encoded.data)
     return message, BagChannel(topic=f'{metadata.topic}/compressed', type_name=COMPRESSED_IMAGE)

@@ -26,7 +26,8 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.display import to_display_image
-from opencv_tools.image.encodings import Encoding, find_encoding, generic_encoding
+from opencv_tools.image.encodings import (
+    Encoding, find_encoding, generic_encoding, opencv_encoding)
 from opencv_tools.image.errors import CodecError
 from opencv_tools.image.image_size import PNG_SIGNATURE
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
@@ -184,7 +185,8 @@ def to_eight_bits(
     Reduce an image to 8 bits without alpha.
 
     Colours of 16 bits are divided by 257. Numbers of one channel, such as depth, become gray
-    between the limits of the settings; NaN becomes black.
+    between the limits of the settings; NaN becomes black. Generic types are read as gray, BGR or
+    BGRA.
 
     :returns: the image, and its encoding; both unchanged if they cannot be reduced.
     """
@@ -193,17 +195,25 @@ def to_eight_bits(
             image.reshape(image.shape[:2]), encoding, 'mono8', settings.limits)
         encoding = find_encoding('mono8')
     kept = ('8UC3',) if settings.suffix == '.webp' else ('8UC1', '8UC3')
-    if encoding.kind != 'color' or encoding.type_name in kept or is_number(encoding):
+    meaning, kinds = _meaning(encoding), ('color', 'bayer') if settings.to_color else ('color',)
+    if meaning.kind not in kinds or encoding.type_name in kept or is_number(encoding):
         return image, encoding
     target = find_encoding('bgr8')
-    return convert_image(_native(image, encoding), encoding, target), target
+    return convert_image(_native(image, encoding), meaning, target), target
 
 
 def without_loss(encoding: Encoding, settings: EncoderSettings) -> str:
     """Return the end of the sentence about a frame that a format cannot hold."""
     if is_number(encoding):
         return '' if settings.limits else ', or allow a loss and give the range of the numbers'
-    return ', or allow a loss' if encoding.kind == 'color' and not settings.lossy else ''
+    has_colors = _meaning(encoding).kind == 'color'
+    return ', or allow a loss' if has_colors and not settings.lossy else ''
+
+
+def _meaning(encoding: Encoding) -> Encoding:
+    """Return the encoding of gray, BGR or BGRA that OpenCV reads a generic one as."""
+    return opencv_encoding(np.empty((0, 0, encoding.channels), encoding.dtype)) if (
+        encoding.is_generic) else encoding
 
 
 def is_number(encoding: Encoding) -> bool:

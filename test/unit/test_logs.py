@@ -16,15 +16,16 @@
 
 from __future__ import annotations
 
+from io import StringIO
 from threading import Barrier, Thread
 
 from console import Console
-from opencv_tools.base.logs import Log, log_if_slow, Throttle
+from opencv_tools.base.logs import ConsoleWriter, Log, log_if_slow, Throttle
 import pytest
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
 from switching import switching_in
-from waiting import LONGEST_SECONDS, wait_until
+from waiting import LONGEST_SECONDS, pause, wait_until
 
 
 class Time:
@@ -121,6 +122,28 @@ def test_threads_write_a_line_once() -> None:
         for thread in threads:
             thread.join()
     assert log.lines == ['error: no space']
+
+
+class SlowStream(StringIO):
+    """A stream during whose writes other threads run."""
+
+    def write(self, text: str) -> int:
+        pause(0.001)
+        return super().write(text)
+
+
+def test_console_lines_of_threads_do_not_mix(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream, console = SlowStream(), ConsoleWriter('command')
+    monkeypatch.setattr('sys.stderr', stream)
+    words = [letter * length for letter, length in (('a', 1), ('b', 90), ('c', 9000))]
+    threads = [Thread(target=lambda word=word: [console.info(word) for _ in range(9)])
+               for word in words]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    lines = stream.getvalue().splitlines()
+    assert sorted(lines) == [f'command: {word}' for word in words for _ in range(9)]
 
 
 def test_line_about_slow_work() -> None:

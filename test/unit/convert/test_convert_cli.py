@@ -184,9 +184,26 @@ def test_loss_of_compression_has_to_be_allowed(
 def test_codec_that_cannot_store_the_frames(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source = write_mcap(tmp_path / 'a.mcap', [
-        image_entry(1, random_image('16UC1', 4, 6), '16UC1')])
+        image_entry(1, random_image('32FC3', 4, 6), '32FC3')])
     assert convert(source, tmp_path / 'b.mcap', '--compressed', 'jpeg', '--lossy') == 1
-    assert 'a 16UC1 frame cannot be compressed as jpeg' in capsys.readouterr().err
+    assert 'a 32FC3 frame cannot be compressed as jpeg' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('encoding', ['mono16', '16UC1', '32FC1'])
+def test_compressed_numbers_need_a_range(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str) -> None:
+    image = np.array([[0, 1000, 3000, 5000]]).repeat(8, axis=0).astype(
+        find_encoding(encoding).dtype)
+    source = write_mcap(tmp_path / 'a.mcap', [image_entry(1, image, encoding)])
+    words = source, tmp_path / 'b.mcap', '--compressed', 'jpeg', '--lossy'
+    assert convert(*words) == 2
+    assert f'{encoding} frames become 8 bits in .jpg: give --range' in capsys.readouterr().err
+    assert convert(*words, '--range', '0:5000') == 0
+    frame, = frames(tmp_path / 'b.mcap')
+    output = OutputImage(frame, CaptureSettings(encoding=''))
+    assert output.encoding == 'mono8'
+    np.testing.assert_allclose(output.image[0], [0, 51, 153, 255], atol=20)
+    assert frame.recorded and frame.recorded.message.format == 'mono8; jpeg compressed mono8'
 
 
 def test_jpegs_of_a_bag_become_files_byte_for_byte(tmp_path: Path) -> None:
@@ -326,8 +343,9 @@ def test_loss_has_to_be_allowed(
 
 @pytest.mark.parametrize('target', ['{seq}.jpg', '{seq}.webp', 'a.mp4', 'a.mkv'])
 @pytest.mark.parametrize(('encoding', 'limits'), [
-    ('bgra8', ()), ('rgba8', ()), ('bgr16', ()), ('16UC1', ('--range=370:4900',)),
-    ('mono16', ('--range=0:3071',)), ('32FC1', ('--range=-0.37:0.9',))])
+    ('bgra8', ()), ('rgba8', ()), ('bgr16', ()), ('bayer_rggb16', ()), ('bayer_gbrg16', ()),
+    ('8UC1', ()), ('8UC4', ()), ('16UC3', ()), ('16UC1', ('--range=370:4900',)),
+    ('mono16', ('--range=0:3071',)), ('32FC1', ('--range', '-0.37:0.9'))])
 def test_lossy_means_alpha_and_bits(
         tmp_path: Path, capsys: pytest.CaptureFixture[str], encoding: str,
         limits: tuple[str, ...], target: str) -> None:
@@ -350,6 +368,9 @@ def test_lossy_means_alpha_and_bits(
 @pytest.mark.parametrize(('arguments', 'reason'), [
     (('--range', '1:5'), r'--range is 1:5, but has an effect with --lossy only'),
     (('--lossy', '--range', '5:1'), "'5:1' is not LOW:HIGH"),
+    (('--lossy', '--range', '-1:-5'), "'-1:-5' is not LOW:HIGH"),
+    (('--lossy', '--range', '--start'), "'--start' is not LOW:HIGH"),
+    (('--lossy', '--range'), 'argument --range: expected one argument'),
     (('--lossy', '--range', '5'), "'5' is not LOW:HIGH"),
     (('--lossy', '--range', 'nan:1'), "'nan:1' is not LOW:HIGH"),
     (('--lossy', '--range', '0:inf'), "'0:inf' is not LOW:HIGH")])
@@ -455,6 +476,15 @@ def test_written_file_in_the_account(
         assert convert(source, tmp_path / target, '--stop', 3) == 0
         account = capsys.readouterr().err.splitlines()[-1]
         assert f': 3 written to {tmp_path / name}, 0 failed' in account
+
+
+@pytest.mark.parametrize(('count', 'shown'), [
+    (1, 'Converted 1 frame: 1 written'), (2, r'Converted 2 frames at [0-9.]+ Hz: 2 written'),
+    (7, r'Converted 7 frames at [0-9.]+ Hz: 7 written')])
+def test_account_of_few_frames(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], count: int, shown: str) -> None:
+    assert convert('pattern:64x48', tmp_path / '{seq}.png', '--stop', count) == 0
+    assert re.search(f'^img_convert: {shown} to ', capsys.readouterr().err.splitlines()[-1])
 
 
 def test_full_disk_is_a_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,6 +41,7 @@ EIGHT_BITS = ('mono8', 'bgr8', 'rgb8', '8UC1', '8UC3')
 ALPHA_AND_16_BITS = ('mono16', 'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16', '8UC4', '16UC1',
                      '16UC3')
 FLOATS = ('32FC1', '32FC3', '64FC1')
+READ_AS_COLORS = ('8UC1', '8UC3', '8UC4', '16UC3')
 
 # Encodings of ENCODINGS that each format stores; .npy stores them all.
 STORED = {
@@ -101,11 +102,13 @@ def test_frames_that_a_format_cannot_store(encoding: str, suffix: str) -> None:
     remedy = str(caught.value).partition('.npy')[2]
     is_number = encoding in ('mono16', '16UC1', '16SC1', '32SC1', '32FC1', '64FC1')
     assert remedy == (', or allow a loss and give the range of the numbers' if is_number else
-                      ', or allow a loss' if encoding in COLOR_ENCODINGS else '')
+                      ', or allow a loss' if encoding in (*COLOR_ENCODINGS, *READ_AS_COLORS)
+                      else '')
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.bmp', '.webp'])
-@pytest.mark.parametrize('encoding', ['bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16'])
+@pytest.mark.parametrize('encoding', [
+    'bgra8', 'rgba8', 'bgr16', 'rgb16', 'rgba16', '8UC4', '16UC3', '16UC4'])
 def test_lossy_colours(tmp_path: Path, encoding: str, suffix: str) -> None:
     image = random_image(encoding)
     content = encode_frame(frame_of(image, encoding), EncoderSettings(suffix, lossy=True))
@@ -115,6 +118,15 @@ def test_lossy_colours(tmp_path: Path, encoding: str, suffix: str) -> None:
     expected = in_order_of_opencv(image, encoding)[..., :3].astype(float)
     expected /= 257 if image.dtype == np.uint16 else 1
     assert suffix == '.jpg' or np.abs(kept - expected).max() <= 0.5
+
+
+@pytest.mark.parametrize('encoding', ['mono8', '8UC1'])
+def test_lossy_gray_where_a_format_has_colours_only(encoding: str) -> None:
+    image = random_image(encoding)
+    content = encode_frame(frame_of(image, encoding), EncoderSettings('.webp', lossy=True))
+    kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(kept, np.dstack([image] * 3))
+    assert content.encoding == 'bgr8'
 
 
 @pytest.mark.parametrize('suffix', ['.jpg', '.bmp', '.webp'])
