@@ -130,6 +130,10 @@ def check_range(low: float, high: float, name: str, other: str) -> None:
                          f'{name}')
 
 
+#: Colours of numbers such as depth: gray, or a colormap of OpenCV.
+COLORS = ('gray', 'turbo', 'jet', 'viridis', 'cividis', 'magma', 'inferno', 'plasma')
+
+
 def real(text: str) -> float:
     """Return an argument as a number; not a number, which no comparison accepts, for a text."""
     try:

@@ -25,7 +25,7 @@ from collections.abc import Sequence
 import sys
 
 from opencv_tools.base.arguments import (
-    CommandParser, integer, INTERRUPTED, number_range, positive, run_command)
+    COLORS, CommandParser, integer, INTERRUPTED, number_range, positive, run_command)
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
 
@@ -98,6 +98,9 @@ exit status:
                         help='with --lossy, numbers of depth and other images with one channel '
                         'and more than 8 bits that become black and white: millimetres of 16UC1, '
                         'metres of 32FC1')
+    parser.add_argument('--colors', choices=COLORS, default=COLORS[0], help='colours from LOW to '
+                        'HIGH in pictures and videos; 0 and NaN stay black, unless LOW is '
+                        'negative [%(default)s]')
     parser.add_argument('--compressed', choices=('jpeg', 'png'), default='', help='compress the '
                         'raw images of a new bag; their topic then ends with /compressed')
     return parser

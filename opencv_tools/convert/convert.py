@@ -27,6 +27,7 @@ from typing import Any
 
 from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.bags.writing import BAG_SUFFIX, BagChannel
+from opencv_tools.base.arguments import COLORS
 from opencv_tools.base.logs import ConsoleWriter, Log, log_if_slow
 from opencv_tools.base.progress import open_progress
 from opencv_tools.base.regular_files import user_path
@@ -204,6 +205,7 @@ class ConvertRequest:
     :param lossy: whether a lossless source may be converted to a lossy format.
     :param limits: numbers that become black and white, of images with one channel and more than 8
         bits; None to refuse them where the target has 8 bits.
+    :param colors: colours of these numbers, one of ``COLORS``.
     :param compressed: codec of the raw images in a new bag, 'jpeg' or 'png'; '' to keep them.
     """
 
@@ -215,6 +217,7 @@ class ConvertRequest:
     stop: int = 0
     lossy: bool = False
     limits: tuple[float, float] | None = None
+    colors: str = COLORS[0]
     compressed: str = ''
 
 
@@ -264,6 +267,11 @@ def _check(request: ConvertRequest) -> FileNames:
     check_folder(str(Path(request.target).parent))
     names = FileNames(Path(request.target).name)
     check_format(names.suffix)
+    is_reduced = request.limits and (request.compressed or names.suffix not in _LOSSLESS_FOR_ALL)
+    if request.colors != COLORS[0] and not is_reduced:
+        raise ValueError(f'--colors is {request.colors}, but has an effect with --lossy and '
+                         '--range in pictures and videos only: give --lossy, --range LOW:HIGH '
+                         'and a target with an extension such as .png or .mp4')
     if request.compressed and names.suffix != BAG_SUFFIX:
         raise ValueError(f'--compressed is for bags: give a target with the extension '
                          f'{BAG_SUFFIX}, or {names.suffix} without --compressed')
@@ -312,7 +320,8 @@ class _Conversion:
                 self._folder, self._names,
                 EncoderSettings(
                     self._names.suffix, compression=request.compressed, lossy=request.lossy,
-                    limits=request.limits), 'continue', Limits(), sync=False)
+                    limits=request.limits, colors=request.colors),
+                'continue', Limits(), sync=False)
             threads = _threads(first[1])
             recorder = Recorder(
                 sink, self._log, queue_size=threads, writers=threads, block=True)

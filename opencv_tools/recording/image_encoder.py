@@ -23,8 +23,10 @@ import struct
 from typing import Any
 import zlib
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.arguments import COLORS
 from opencv_tools.image.display import to_display_image
 from opencv_tools.image.encodings import (
     Encoding, find_encoding, generic_encoding, opencv_encoding)
@@ -32,7 +34,8 @@ from opencv_tools.image.errors import CodecError
 from opencv_tools.image.image_size import PNG_SIGNATURE
 from opencv_tools.image.jpeg import jpeg_size, JPEG_SOI
 from opencv_tools.image.picture_formats import CODEC_TYPES
-from opencv_tools.image_codecs import check_complete, convert_image, encode_image
+from opencv_tools.image_codecs import (
+    apply_colormap, check_complete, convert_image, encode_image)
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 
@@ -74,6 +77,8 @@ class EncoderSettings:
     :param lossy: whether images that a format cannot hold lose alpha, and all but 8 bits.
     :param limits: numbers that become black and white, of lossy images with one channel and more
         than 8 bits; None if they are refused.
+    :param colors: colours of these numbers, one of ``COLORS``. Formats that can hold the numbers
+        have the colours too, unless they are gray.
     """
 
     suffix: str
@@ -85,6 +90,7 @@ class EncoderSettings:
     compression: str = ''
     lossy: bool = False
     limits: tuple[float, float] | None = None
+    colors: str = COLORS[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +144,8 @@ def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImag
     """
     if isinstance(frame, CompressedFrame):
         found = read_image_header(frame.data)
-        if settings.suffix in found.suffixes:
+        may_change = settings.suffix == '.png' and settings.colors != COLORS[0]
+        if settings.suffix in found.suffixes and not may_change:
             return EncodedImage(data=frame.data, encoding=frame.metadata.encoding,
                                 width=found.width, height=found.height)
     return _encode_image(frame.decode(), settings)
@@ -159,7 +166,8 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         image, encoding = convert_image(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
-    if settings.lossy and type_name not in IMAGE_FORMATS[settings.suffix]:
+    has_colors = is_number(encoding) and settings.colors != COLORS[0]
+    if settings.lossy and (has_colors or type_name not in IMAGE_FORMATS[settings.suffix]):
         image, encoding = to_eight_bits(image, encoding, settings)
         type_name = encoding.type_name
     if type_name not in IMAGE_FORMATS[settings.suffix]:
@@ -184,22 +192,32 @@ def to_eight_bits(
     """
     Reduce an image to 8 bits without alpha.
 
-    Colours of 16 bits are divided by 257. Numbers of one channel, such as depth, become gray
-    between the limits of the settings; NaN becomes black. Generic types are read as gray, BGR or
-    BGRA.
+    Colours of 16 bits are divided by 257. Numbers of one channel, such as depth, become gray or
+    colours between the limits of the settings. NaN becomes black, and so does 0 if no limit is
+    negative, because it means no depth. Generic types are read as gray, BGR or BGRA.
 
     :returns: the image, and its encoding; both unchanged if they cannot be reduced.
     """
     if is_number(encoding) and settings.limits:
-        image = to_display_image(
-            image.reshape(image.shape[:2]), encoding, 'mono8', settings.limits)
-        encoding = find_encoding('mono8')
+        image, encoding = _color_numbers(
+            image.reshape(image.shape[:2]), encoding, settings.limits, settings.colors)
     kept = ('8UC3',) if settings.suffix == '.webp' else ('8UC1', '8UC3')
     meaning, kinds = _meaning(encoding), ('color', 'bayer') if settings.to_color else ('color',)
     if meaning.kind not in kinds or encoding.type_name in kept or is_number(encoding):
         return image, encoding
     target = find_encoding('bgr8')
     return convert_image(_native(image, encoding), meaning, target), target
+
+
+def _color_numbers(
+    numbers: NDArray[Any], encoding: Encoding, limits: tuple[float, float], colors: str,
+) -> tuple[NDArray[Any], Encoding]:
+    gray = to_display_image(numbers, encoding, 'mono8', limits)
+    if colors == COLORS[0]:
+        return gray, find_encoding('mono8')
+    shown = apply_colormap(gray, getattr(cv2, f'COLORMAP_{colors.upper()}'))
+    shown[np.isnan(numbers) | ((numbers == 0) & (limits[0] >= 0))] = 0
+    return shown, find_encoding('bgr8')
 
 
 def without_loss(encoding: Encoding, settings: EncoderSettings) -> str:

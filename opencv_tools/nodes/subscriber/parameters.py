@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from opencv_tools.bags.writing import BAG_SUFFIX
-from opencv_tools.base.arguments import check_range
+from opencv_tools.base.arguments import check_range, COLORS
 from opencv_tools.base.rate_limit import MAX_RATE
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
@@ -85,6 +85,9 @@ class RecorderSettings(NodeSettings):
     range_high: float = parameter(
         0.0, 'With lossy, number that becomes white; 0 with range_low 0 to refuse such images',
         bounds=(-1e9, 1e9))
+    colors: str = parameter(
+        COLORS[0], 'Colours from range_low to range_high in pictures and videos; 0 and NaN stay '
+        'black, unless range_low is negative', choices=COLORS)
     jpeg_quality: int = parameter(
         95, 'JPEG quality of .jpg files, from 1 (smallest) to 100 (best)', bounds=(1, 100))
     png_compression: int = parameter(
@@ -146,6 +149,12 @@ class RecorderSettings(NodeSettings):
         if self.range and not self.lossy:
             raise ParameterError(f'parameter range_high is {self.range_high:g}, but lossy is '
                                  'false: set lossy as well')
+        is_reduced = self.range and FileNames(self.file_name).suffix not in (BAG_SUFFIX, '.npy')
+        if self.colors != COLORS[0] and not is_reduced:
+            raise ParameterError(
+                f'parameter colors is {self.colors}, but has an effect with lossy and a range in '
+                'pictures and videos only: set lossy, range_high, and file_name to a name with '
+                'an extension such as .png or .mp4')
         try:
             if self.range:
                 check_range(self.range_low, self.range_high, 'range_low', 'range_high')

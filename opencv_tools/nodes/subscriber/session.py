@@ -132,7 +132,7 @@ class SubscriberSession(RecordingSession):
         encoder = EncoderSettings(
             names.suffix, to_color=settings.convert == 'auto', jpeg_quality=settings.jpeg_quality,
             png_compression=settings.png_compression, crf=settings.crf,
-            lossy=settings.lossy, limits=settings.range)
+            lossy=settings.lossy, limits=settings.range, colors=settings.colors)
         sink = open_sink(self.folder, names, encoder, settings.on_exists, limits, settings.sync)
         super().__init__(
             Recorder(sink, log, settings.queue_size, settings.writers,

@@ -366,6 +366,11 @@ def test_lossy_means_alpha_and_bits(
 
 
 @pytest.mark.parametrize(('arguments', 'reason'), [
+    (('--colors', 'turbo'), '--colors is turbo, but has an effect with --lossy and --range in '
+     'pictures and videos only: give --lossy, --range LOW:HIGH and a target with an extension'),
+    (('--colors', 'jet', '--lossy'), '--colors is jet, but has an effect with'),
+    (('--colors', 'turbo', '--range', '0:9'), '--range is 0:9, but has an effect with --lossy'),
+    (('--colors', 'no'), "invalid choice: 'no'"),
     (('--range', '1:5'), r'--range is 1:5, but has an effect with --lossy only'),
     (('--lossy', '--range', '5:1'), "'5:1' is not LOW:HIGH"),
     (('--lossy', '--range', '-1:-5'), "'-1:-5' is not LOW:HIGH"),
@@ -383,6 +388,35 @@ def test_ranges_that_cannot_be_used(
         status = err.code
     assert status == 2
     assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('target', ['a.npy', 'a.mcap'])
+def test_colours_of_a_target_that_keeps_numbers(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], target: str) -> None:
+    words = 'pattern:depth:64x48', tmp_path / target, '--stop', 1, '--lossy', '--range', '0:9'
+    assert convert(*words, '--colors', 'turbo') == 2
+    assert '--colors is turbo, but has an effect with' in capsys.readouterr().err
+    assert convert(*words) == 0
+
+
+# Depth in millimetres, and its colours of turbo from 300 to 5000 as they are published, in BGR.
+DEPTHS = {0: (0, 0, 0), 300: (59, 18, 48), 2650: (60, 252, 164), 5000: (3, 4, 122)}
+
+
+@pytest.mark.parametrize('unit', [1, 0.001])
+@pytest.mark.parametrize('target', ['a.mp4', 'a.mkv', 'a.jpg', 'a.png', 'a.webp'])
+def test_depth_in_colours(tmp_path: Path, target: str, unit: float) -> None:
+    image = np.kron([[*DEPTHS]], np.ones((32, 32))) * unit
+    encoding = '16UC1' if unit == 1 else '32FC1'
+    source = write_mcap(tmp_path / 'a.mcap', [image_entry(
+        1, image.astype(find_encoding(encoding).dtype), encoding)])
+    assert convert(source, tmp_path / 'out' / target, '--lossy', '--range',
+                   f'{300 * unit:g}:{5000 * unit:g}', '--colors', 'turbo') == 0
+    frame, = frames(tmp_path / 'out' / target)
+    assert frame.image.shape == (32, 128, 3)
+    np.testing.assert_allclose(
+        frame.image[16, 16::32].astype(int), [*DEPTHS.values()],
+        atol=2 if target in ('a.png', 'a.webp') else 12)
 
 
 @pytest.mark.parametrize('target', ['{seq}.jpg', 'a.mp4'])

@@ -75,6 +75,7 @@ VALUES = {
         'transport': {'auto', 'raw', 'compressed', 'compressedDepth'}, 'max_pixels': (1, 2**31),
         'mode': {'continuous', 'on_request'}, 'convert': {'auto', 'never'},
         'lossy': {False, True}, 'range_low': (-1e9, 1e9), 'range_high': (-1e9, 1e9),
+        'colors': {'gray', 'turbo', 'jet', 'viridis', 'cividis', 'magma', 'inferno', 'plasma'},
         'jpeg_quality': (1, 100), 'png_compression': (0, 9), 'crf': (0, 51),
         'every_n': (1, BILLION), 'max_rate': (0.1, 1e6), 'max_frames': (0, BILLION),
         'max_duration': (0.0, 1e9), 'max_bytes': (0, 10**18), 'ring': {False, True},

@@ -21,6 +21,8 @@ from pathlib import Path
 
 from conftest import recorded_files
 from console import Console
+import cv2
+import numpy as np
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.nodes.subscriber.parameters import RecorderSettings
 from opencv_tools.nodes.subscriber.session import SubscriberSession
@@ -32,9 +34,10 @@ from opencv_tools.recording.open_sink import open_sink
 from opencv_tools.recording.recorder import FrameCounts, Recorder
 from opencv_tools.recording.selection import Limits, Selection
 from opencv_tools.recording.session import RecordingSession
+from opencv_tools.topics.errors import ParameterError
 import pytest
 from rclpy.node import Node
-from recordings import gray_frame
+from recordings import frame_of, gray_frame
 from stepped_clock import SteppedClock
 
 CHANNEL = BagChannel(topic='/said', type_name='a_msgs/msg/A', definition='int8 a')
@@ -62,6 +65,24 @@ def test_messages_after_the_maximum_duration(node: Node, tmp_path: Path) -> None
     assert [(str(result), result.kind) for result in results if isinstance(result, str)] == [
         ('the recording has reached its limits', 'skipped')]
     assert ended
+
+
+@pytest.mark.parametrize(('name', 'high'), [
+    ('a.mp4', 0.0), ('a.mcap', 5000.0), ('{seq}.npy', 5000.0)])
+def test_colours_without_an_effect(name: str, high: float) -> None:
+    with pytest.raises(ParameterError, match=r'^parameter colors is turbo, but has an effect with '
+                       r'lossy and a range in pictures and videos only: set lossy, range_high'):
+        RecorderSettings(file_name=name, colors='turbo', lossy=True, range_high=high)
+
+
+def test_colours_of_recorded_depth(node: Node, tmp_path: Path) -> None:
+    session = SubscriberSession(node, RecorderSettings(
+        output_dir=str(tmp_path), file_name='a.png', lossy=True, range_low=1.0,
+        range_high=5000.0, colors='jet'), Console(), lambda: None)
+    session.record(frame_of(np.array([[0, 1, 5000]], np.uint16), '16UC1'))
+    session.close()
+    image = cv2.imread(str(tmp_path / 'a.png'), cv2.IMREAD_UNCHANGED)
+    assert image.tolist() == [[[0, 0, 0], [128, 0, 0], [0, 0, 128]]]
 
 
 @pytest.mark.parametrize(('limits', 'counts'), [

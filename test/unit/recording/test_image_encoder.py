@@ -150,6 +150,54 @@ def test_lossy_numbers_within_a_range(
         encode_frame(frame_of(image, encoding), EncoderSettings(suffix, lossy=True))
 
 
+# The first and the last colour of each colormap in BGR, as its authors publish them.
+COLORMAPS = {'turbo': ((59, 18, 48), (3, 4, 122)), 'jet': ((128, 0, 0), (0, 0, 128)),
+        'viridis': ((84, 1, 68), (37, 231, 253)), 'cividis': ((78, 34, 0), (56, 232, 254)),
+        'magma': ((4, 0, 0), (191, 253, 252)), 'inferno': ((4, 0, 0), (164, 255, 252)),
+        'plasma': ((135, 8, 13), (33, 249, 240))}
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.bmp', '.webp', '.tiff'])
+@pytest.mark.parametrize('colors', COLORMAPS)
+@pytest.mark.parametrize(('encoding', 'low', 'high'), [
+    ('16UC1', 370, 4900), ('mono16', 1, 3071), ('32FC1', 0.37, 4.9), ('32SC1', 7, 70_000)])
+def test_lossy_numbers_in_colours(
+        encoding: str, low: float, high: float, colors: str, suffix: str) -> None:
+    image = np.array([[0, low, high, 2 * high, 0]]).repeat(3, axis=0).astype(
+        find_encoding(encoding).dtype)
+    if encoding == '32FC1':
+        image[0, 4] = np.nan
+    settings = EncoderSettings(suffix, lossy=True, limits=(low, high), colors=colors)
+    content = encode_frame(frame_of(image, encoding), settings)
+    kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    first, last = COLORMAPS[colors]
+    assert (content.encoding, kept.dtype) == ('bgr8', np.uint8)
+    for row in kept:
+        np.testing.assert_allclose(
+            row.astype(int), [(0, 0, 0), first, last, last, (0, 0, 0)], atol=2)
+
+
+def test_zero_is_a_number_in_a_range_with_negative_ones() -> None:
+    image = np.array([[-1, 0, 1, np.nan]], np.float32)
+    settings = EncoderSettings('.png', lossy=True, limits=(-1, 1), colors='viridis')
+    content = encode_frame(frame_of(image, '32FC1'), settings)
+    kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(  # the middle one is #21918c
+        kept[0].astype(int), [(84, 1, 68), (140, 145, 33), (37, 231, 253), (0, 0, 0)],
+        atol=2)
+
+
+def test_colours_change_numbers_only() -> None:
+    settings = EncoderSettings('.png', lossy=True, limits=(0, 90), colors='turbo')
+    for encoding in ('mono8', 'bgra8', 'bgr16', '8UC1'):
+        image = random_image(encoding)
+        content = encode_frame(frame_of(image, encoding), settings)
+        kept = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(kept, image)
+    depth = compressed('.png', '16UC1; png compressed 16UC1', random_image('16UC1'))
+    assert encode_frame(depth, settings).encoding == 'bgr8'
+
+
 def test_lossy_keeps_what_a_format_can_store() -> None:
     image = random_image('mono16')
     settings = EncoderSettings('.png', lossy=True, limits=(0, 5))
