@@ -29,6 +29,7 @@ from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.bag import BagSource
+from opencv_tools.capture.depth_video import DepthVideoSource, is_depth_video
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource
@@ -195,7 +196,10 @@ def _open_path(path: Path, bag_topic: str) -> Source:
         raise CaptureError(f'{shown} is {kind}; give a file or a folder')
     if is_image_file:
         return ImageFileSource([path], str(path))
-    return VideoSource(str(path), open_video(str(path)))
+    capture = open_video(str(path))
+    if stat.S_ISREG(mode) and is_depth_video(capture):
+        return DepthVideoSource(path, capture)
+    return VideoSource(str(path), capture)
 
 
 def _open_folder(path: Path) -> ImageFileSource:

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from itertools import chain, count
 import os
@@ -35,6 +35,7 @@ from opencv_tools.base.signals import recorded_signals
 from opencv_tools.base.text import printable, without_password
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag import BagSource
+from opencv_tools.capture.depth_video import DepthVideoSource
 from opencv_tools.capture.errors import (
     BrokenFrameError, CaptureError, TopicError, UnavailableError)
 from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded, Source, VIDEO
@@ -53,12 +54,13 @@ from opencv_tools.recording.bag_sink import BagSink, MessageFrame, RecordedMessa
 from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, packet_frame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
-    COMPRESSED_SUFFIXES, EncoderSettings, is_number)
+    COMPRESSED_SUFFIXES, EncoderSettings, is_number, LOSSLESS_VIDEO)
 from opencv_tools.recording.naming import check_folder, FileNames, FrameMetadata
 from opencv_tools.recording.open_sink import check_format, KEEPS_PACKETS, open_sink
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
 from opencv_tools.recording.video.writer import VIDEO_FORMATS
+from opencv_tools.video.lossless import LOSSLESS_ENCODINGS
 from opencv_tools.video.messages import WireVideo
 
 # Names of the publisher, for sources that have none.
@@ -377,16 +379,13 @@ class _Conversion:
         :raises ValueError: a loss is not allowed.
         """
         compressed = self._request.compressed
+        frame = frame if compressed else _decoded(frame)
         suffix = COMPRESSED_SUFFIXES.get(compressed, self._names.suffix)
-        has_eight_bits = suffix in (*_LOSSY_FORMATS, '.bmp', '.webp')
-        if self._request.lossy and not self._request.limits and has_eight_bits and (
-                frame.encoding not in (JPEG, VIDEO) and is_number(find_encoding(frame.encoding))):
-            least, most = finite_limits(frame.image)
-            raise ValueError(
-                f'{frame.encoding} frames become 8 bits in {suffix}: give --range '
-                'LOW:HIGH, the numbers that become black and white; those of the first frame are '
-                f'{least:g} to {most:g}')
-        if self._request.lossy or suffix in _LOSSLESS_FOR_ALL or frame.encoding == VIDEO:
+        has_exact_video = frame.encoding in LOSSLESS_ENCODINGS
+        is_exact = has_exact_video and suffix == LOSSLESS_VIDEO
+        self._check_range(frame, suffix, is_exact)
+        if self._request.lossy or suffix in _LOSSLESS_FOR_ALL or is_exact or (
+                frame.encoding == VIDEO):
             return
         if frame.encoding != JPEG and find_encoding(frame.encoding).kind in ('bayer', 'yuv'):
             raise ValueError(
@@ -394,10 +393,27 @@ class _Conversion:
                 f'a target with the extension {" or ".join(_LOSSLESS_FOR_ALL)}'
                 + (' without --compressed' if compressed else ''))
         if suffix in _LOSSY_FORMATS and self._is_lossless(frame):
+            other = LOSSLESS_VIDEO if has_exact_video else '.tiff' if _is_number(frame) else '.png'
             raise ValueError(
                 f'{suffix} loses quality that {self._source.name} has: give --lossy, or a target '
-                'with an extension such as .png or .mcap'
+                f'with an extension such as {other} or .mcap'
                 + (', with --compressed png or without it' if compressed else ''))
+
+    def _check_range(self, frame: CapturedFrame, suffix: str, is_exact: bool) -> None:
+        """
+        Check that numbers of more than 8 bits have a range where a format has 8 bits.
+
+        :param is_exact: whether the format keeps all numbers without --lossy.
+        :raises ValueError: they have none.
+        """
+        request, has_eight_bits = self._request, suffix in (*_LOSSY_FORMATS, '.bmp', '.webp')
+        if not request.lossy or request.limits or not has_eight_bits or not _is_number(frame):
+            return
+        least, most = finite_limits(frame.image)
+        raise ValueError(
+            f'{frame.encoding} frames become 8 bits in {suffix}: give --range '
+            'LOW:HIGH, the numbers that become black and white; those of the first frame are '
+            f'{least:g} to {most:g}{"; leave out --lossy to keep all numbers" * is_exact}')
 
     def _is_lossless(self, frame: CapturedFrame) -> bool:
         """Return whether a frame was never compressed with a loss, as far as that is known."""
@@ -406,7 +422,7 @@ class _Conversion:
             return not (is_jpeg or frame.is_video)
         if isinstance(self._source, ImageFileSource):
             return not all(path.suffix.lower() in _JPEGS for path in self._source.paths)
-        return isinstance(self._source, PatternSource)
+        return isinstance(self._source, PatternSource | DepthVideoSource)
 
     def _total(self) -> int:
         """Return the number of frames to convert; 0 if it is unknown."""
@@ -419,6 +435,19 @@ class _Conversion:
         """Count and log a frame that cannot be read."""
         self._unreadable += 1
         self._failure_log.bad_frame(f'a frame was not read: {err}')
+
+
+def _decoded(frame: CapturedFrame) -> CapturedFrame:
+    """Return a compressed frame of a bag that is no JPEG as pixels, if it can be decoded."""
+    if frame.encoding == JPEG and frame.image[:2].tobytes() != JPEG_SOI:
+        with suppress(ImageError):  # it counts as failed later
+            raw = received_frame(frame, 0, 0.0).decode()
+            return replace(frame, image=raw.image, encoding=raw.metadata.encoding)
+    return frame
+
+
+def _is_number(frame: CapturedFrame) -> bool:
+    return frame.encoding not in (JPEG, VIDEO) and is_number(find_encoding(frame.encoding))
 
 
 def _threads(first: CapturedFrame) -> int:

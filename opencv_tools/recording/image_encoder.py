@@ -26,7 +26,6 @@ import zlib
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from opencv_tools.base.arguments import COLORS
 from opencv_tools.image.display import to_display_image
 from opencv_tools.image.encodings import (
     Encoding, find_encoding, generic_encoding, opencv_encoding)
@@ -38,6 +37,7 @@ from opencv_tools.image_codecs import (
     apply_colormap, check_complete, convert_image, encode_image)
 from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
+from opencv_tools.video.lossless import LOSSLESS_ENCODINGS
 
 _NPY = '.npy'
 _PART_BYTES = 2**20
@@ -50,6 +50,9 @@ IMAGE_FORMATS = {
        for suffix in ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')},
     _NPY: frozenset[str](),
 }
+
+#: Format of videos that holds ``LOSSLESS_ENCODINGS`` without loss.
+LOSSLESS_VIDEO = '.mkv'
 
 #: Extensions of the codecs that compress the images of a bag, by the name in the format string.
 COMPRESSED_SUFFIXES = {'jpeg': '.jpg', 'png': '.png'}
@@ -77,8 +80,8 @@ class EncoderSettings:
     :param lossy: whether images that a format cannot hold lose alpha, and all but 8 bits.
     :param limits: numbers that become black and white, of lossy images with one channel and more
         than 8 bits; None if they are refused.
-    :param colors: colours of these numbers, one of ``COLORS``. Formats that can hold the numbers
-        have the colours too, unless they are gray.
+    :param colors: ``gray``, or a colormap of OpenCV for these numbers, which formats that can
+        hold the numbers have too.
     """
 
     suffix: str
@@ -90,7 +93,12 @@ class EncoderSettings:
     compression: str = ''
     lossy: bool = False
     limits: tuple[float, float] | None = None
-    colors: str = COLORS[0]
+    colors: str = 'gray'
+
+    @property
+    def has_colors(self) -> bool:
+        """Whether numbers become colours, not gray."""
+        return self.colors != 'gray'
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,9 +133,15 @@ class EncodedImage:
             yield part.reshape(-1).view(np.uint8).data
 
 
-def formats_for(type_name: str) -> str:
-    """Return the extensions of formats that can hold an OpenCV type such as ``16UC1``."""
+def formats_for(type_name: str, encoding: str = '') -> str:
+    """
+    Return the extensions of formats that can hold an image.
+
+    :param type_name: OpenCV type of the image, such as ``16UC1``.
+    :param encoding: name of its encoding, if a video may hold it.
+    """
     suffixes = [suffix for suffix, types in IMAGE_FORMATS.items() if type_name in types]
+    suffixes += [LOSSLESS_VIDEO] * (encoding in LOSSLESS_ENCODINGS)
     return ' or '.join([*suffixes, _NPY])
 
 
@@ -144,7 +158,7 @@ def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImag
     """
     if isinstance(frame, CompressedFrame):
         found = read_image_header(frame.data)
-        may_change = settings.suffix == '.png' and settings.colors != COLORS[0]
+        may_change = settings.suffix == '.png' and settings.has_colors
         if settings.suffix in found.suffixes and not may_change:
             return EncodedImage(data=frame.data, encoding=frame.metadata.encoding,
                                 width=found.width, height=found.height)
@@ -166,13 +180,14 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         image, encoding = convert_image(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
-    has_colors = is_number(encoding) and settings.colors != COLORS[0]
-    if settings.lossy and (has_colors or type_name not in IMAGE_FORMATS[settings.suffix]):
+    is_colored = is_number(encoding) and settings.has_colors
+    if settings.lossy and (is_colored or type_name not in IMAGE_FORMATS[settings.suffix]):
         image, encoding = to_eight_bits(image, encoding, settings)
         type_name = encoding.type_name
     if type_name not in IMAGE_FORMATS[settings.suffix]:
+        others = formats_for(type_name, encoding.name)
         raise UnwritableError(f'a {encoding.name} frame cannot be stored as {settings.suffix}; '
-                              f'set the extension of file_name to {formats_for(type_name)}'
+                              f'set the extension of file_name to {others}'
                               + without_loss(encoding, settings))
     if not image.size:
         raise UnwritableError(f'an empty frame ({width}x{height}) cannot be stored as '
@@ -200,7 +215,7 @@ def to_eight_bits(
     """
     if is_number(encoding) and settings.limits:
         image, encoding = _color_numbers(
-            image.reshape(image.shape[:2]), encoding, settings.limits, settings.colors)
+            image.reshape(image.shape[:2]), encoding, settings.limits, settings)
     kept = ('8UC3',) if settings.suffix == '.webp' else ('8UC1', '8UC3')
     meaning, kinds = _meaning(encoding), ('color', 'bayer') if settings.to_color else ('color',)
     if meaning.kind not in kinds or encoding.type_name in kept or is_number(encoding):
@@ -210,12 +225,13 @@ def to_eight_bits(
 
 
 def _color_numbers(
-    numbers: NDArray[Any], encoding: Encoding, limits: tuple[float, float], colors: str,
+    numbers: NDArray[Any], encoding: Encoding, limits: tuple[float, float],
+    settings: EncoderSettings,
 ) -> tuple[NDArray[Any], Encoding]:
     gray = to_display_image(numbers, encoding, 'mono8', limits)
-    if colors == COLORS[0]:
+    if not settings.has_colors:
         return gray, find_encoding('mono8')
-    shown = apply_colormap(gray, getattr(cv2, f'COLORMAP_{colors.upper()}'))
+    shown = apply_colormap(gray, getattr(cv2, f'COLORMAP_{settings.colors.upper()}'))
     shown[np.isnan(numbers) | ((numbers == 0) & (limits[0] >= 0))] = 0
     return shown, find_encoding('bgr8')
 

@@ -64,7 +64,7 @@ KEPT = {
     '.bmp': _BYTES | _COLORED_BYTES,
     '.webp': {'bgr8', 'rgb8', '8UC3'} | _COLORED_BYTES,
     '.npy': {*ENCODINGS, *GENERIC},
-    '.mkv': _BYTES | _COLORED_BYTES,
+    '.mkv': _BYTES | _COLORED_BYTES | {'16UC1', 'mono16'},
 }
 
 

@@ -15,7 +15,8 @@
 """
 Videos as files of a recording, encoded or copied from packets of a publisher.
 
-Packets of video are copied. All other frames are encoded. A file has frames of one kind.
+Packets of video are copied. All other frames are encoded: 16 bits in Matroska as FFV1, which is
+lossless, and the others as H.264. A file has frames of one kind.
 """
 
 from __future__ import annotations
@@ -175,7 +176,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
             return to_video_frame(image, name, settings.suffix, settings.to_color)
         except VideoError as err:
             raise UnwritableError(f'{err}; set the extension of file_name to '
-                                  f'{formats_for(_image_type(raw))}'
+                                  f'{formats_for(_image_type(raw), raw.metadata.encoding)}'
                                   + without_loss(find_encoding(name), settings)) from err
 
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
@@ -190,7 +191,8 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: _Prepared,
               ) -> ManifestEntry:
         """Return the manifest entry of a video; see `FileFormat`."""
-        codec = prepared.packet.codec if isinstance(prepared, PreparedPacket) else 'h264'
+        codec = (prepared.packet.codec if isinstance(prepared, PreparedPacket) else
+                 prepared.codec)
         return file_entry(seq, name, frame, codec, prepared.size)
 
     def write(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,

@@ -32,8 +32,10 @@ from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image_codecs import convert_image
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.file_sink import Room
+from opencv_tools.recording.image_encoder import LOSSLESS_VIDEO
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import CONTAINER_FORMATS, VideoFile, WrittenVideo
+from opencv_tools.video.lossless import LOSSLESS_ENCODINGS, LOSSLESS_PIXELS, lossless_tags
 
 # PyAV is imported in functions, because the import is slow and most recordings are image files.
 
@@ -62,6 +64,11 @@ _OPTIONS = {
     'preset': 'superfast', 'tune': 'zerolatency', 'x264-params': 'force-cfr=0', 'forced-idr': '1',
     'threads': str(min(4, os.cpu_count() or 1)), 'colorspace': 'smpte170m', 'color_range': 'tv',
 }
+# Each frame is complete in itself and has checksums, so that damage costs only its frame. Small
+# pictures cannot be sliced.
+_LOSSLESS_OPTIONS = {'level': '3', 'g': '1', 'slicecrc': '1', 'thread_type': 'slice',
+                     'threads': _OPTIONS['threads']}
+_SLICES, _SLICED_SIDE = 4, 64
 _NOMINAL_RATE = 30  # frames per second, for players of formats that must name a rate
 _KEY_SECONDS = 1
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
@@ -69,14 +76,25 @@ _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
 
 @dataclass(frozen=True)
 class VideoFrame(Prepared):
-    """A frame for the encoder, as an ``av.VideoFrame``."""
+    """
+    A frame for the encoder.
+
+    :param frame: the ``av.VideoFrame``.
+    :param encoding: encoding of a frame that is stored without loss; '' for others.
+    """
 
     frame: Any
+    encoding: str = ''
 
     @property
-    def stream_format(self) -> tuple[int, int, str]:
-        """Properties that all frames of a file share: width, height and pixel format."""
-        return self.frame.width, self.frame.height, self.frame.format.name
+    def codec(self) -> str:
+        """Name of the codec."""
+        return 'ffv1' if self.encoding else 'h264'
+
+    @property
+    def stream_format(self) -> tuple[int, int, str, str]:
+        """Properties that all frames of a file share; the last two are those of the pixels."""
+        return self.frame.width, self.frame.height, self.frame.format.name, self.encoding
 
     @property
     def size(self) -> tuple[int, int]:
@@ -94,13 +112,15 @@ def to_video_frame(
     :param encoding_name: sensor_msgs/Image encoding of the image.
     :param suffix: extension of the video, one of ``VIDEO_FORMATS``, for error messages.
     :param to_color: whether 8-bit Bayer and YUV images are converted; otherwise they are refused.
-    :returns: a copy in 4:2:0 if both sizes are even, else in 4:4:4, which keeps every pixel.
+    :returns: a copy in 4:2:0 if both sizes are even, else in 4:4:4, which keeps every pixel; for
+        Matroska with 16 bits if these are ``LOSSLESS_ENCODINGS``.
     :raises VideoError: no video can hold the image.
     """
     import av
     encoding = find_encoding(encoding_name)
     is_converted = to_color and encoding.dtype == 'uint8' and encoding.kind in ('bayer', 'yuv')
-    if encoding_name not in _ORDERS and not is_converted:
+    is_lossless = suffix == LOSSLESS_VIDEO and encoding_name in LOSSLESS_ENCODINGS
+    if encoding_name not in _ORDERS and not (is_converted or is_lossless):
         raise VideoError(f'a {encoding_name} frame cannot be stored as {suffix}')
     declared_encoding(image, encoding_name)
     if not image.size:
@@ -109,13 +129,20 @@ def to_video_frame(
     if is_converted:
         image = convert_image(image, encoding, find_encoding('bgr8'))
     height, width = image.shape[:2]
+    if is_lossless:
+        frame = av.VideoFrame(width, height, LOSSLESS_PIXELS)
+        _fill(frame, [image.reshape(height, width)], '<u2')
+        return VideoFrame(frame, encoding_name)
     is_even = not (height % 2 or width % 2)
     frame = av.VideoFrame(width, height, 'yuv420p' if is_even else 'yuv444p')
-    planes = _planes(image, _ORDERS.get(encoding_name, 'bgr'), is_even)
-    for plane, values in zip(frame.planes, planes):
-        rows = np.frombuffer(plane, np.uint8)  # type: ignore[call-overload]
-        rows.reshape(-1, plane.line_size)[:, :plane.width] = values
+    _fill(frame, _planes(image, _ORDERS.get(encoding_name, 'bgr'), is_even), 'u1')
     return VideoFrame(frame)
+
+
+def _fill(frame: Any, planes: Iterable[Any], dtype: str) -> None:
+    for plane, values in zip(frame.planes, planes):
+        rows = np.frombuffer(plane, dtype)
+        rows.reshape(plane.height, -1)[:, :plane.width] = values
 
 
 def _planes(image: NDArray[Any], order: str, is_even: bool) -> tuple[Any, Any, Any]:
@@ -183,7 +210,7 @@ class _EncodedStream(WrittenVideo[VideoFrame]):
 
     def __init__(self, first: VideoFrame, crf: int) -> None:
         self.stream_format = first.stream_format
-        width, height, _ = first.stream_format
+        width, height, *_ = first.stream_format
         self.failure = f'a {width}x{height} frame cannot be encoded'
         self._crf = crf
         self._ticks = 1
@@ -192,10 +219,15 @@ class _EncodedStream(WrittenVideo[VideoFrame]):
 
     def open(self, container: Any, ticks: int) -> None:  # noqa: A003
         self._ticks = ticks
-        self._stream = container.add_stream(
-            'libx264', rate=_NOMINAL_RATE, options={**_OPTIONS, 'crf': str(self._crf)})
+        width, height, pixels, encoding = self.stream_format
+        slices = _SLICES if min(width, height) >= _SLICED_SIDE else 1
+        codec, options = ('ffv1', {**_LOSSLESS_OPTIONS, 'slices': str(slices)}) if encoding else (
+            'libx264', {**_OPTIONS, 'crf': str(self._crf)})
+        self._stream = container.add_stream(codec, rate=_NOMINAL_RATE, options=options)
+        if encoding:
+            self._stream.metadata.update(lossless_tags(encoding))
         context = self._stream.codec_context
-        context.width, context.height, context.pix_fmt = self.stream_format
+        context.width, context.height, context.pix_fmt = width, height, pixels
         context.time_base = Fraction(1, ticks)
 
     def packets(self, prepared: VideoFrame | None, pts: int) -> Iterable[Any]:

@@ -151,10 +151,11 @@ def test_lossy_numbers_within_a_range(
 
 
 # The first and the last colour of each colormap in BGR, as its authors publish them.
-COLORMAPS = {'turbo': ((59, 18, 48), (3, 4, 122)), 'jet': ((128, 0, 0), (0, 0, 128)),
-        'viridis': ((84, 1, 68), (37, 231, 253)), 'cividis': ((78, 34, 0), (56, 232, 254)),
-        'magma': ((4, 0, 0), (191, 253, 252)), 'inferno': ((4, 0, 0), (164, 255, 252)),
-        'plasma': ((135, 8, 13), (33, 249, 240))}
+COLORMAPS = {
+    'turbo': ((59, 18, 48), (3, 4, 122)), 'jet': ((128, 0, 0), (0, 0, 128)),
+    'viridis': ((84, 1, 68), (37, 231, 253)), 'cividis': ((78, 34, 0), (56, 232, 254)),
+    'magma': ((4, 0, 0), (191, 253, 252)), 'inferno': ((4, 0, 0), (164, 255, 252)),
+    'plasma': ((135, 8, 13), (33, 249, 240))}
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.bmp', '.webp', '.tiff'])

@@ -56,8 +56,9 @@ CONVERTED = {'bayer_rggb8', 'bayer_bggr8', 'bayer_gbrg8', 'bayer_grbg8', 'yuv422
              'yuv422_yuy2', 'yuyv', 'nv12', 'nv21', 'nv24'}
 
 
-REFUSED = {*ENCODINGS, '8UC2', '8UC4', '8SC1', '16UC1', '16SC3', '32FC1', '64FC3'
-           } - TAKEN - CONVERTED
+LOSSLESS = {'mono16', '16UC1'}
+REFUSED = {*ENCODINGS, '8UC2', '8UC4', '8SC1', '16UC3', '16SC1', '16SC3', '32FC1', '64FC3'
+           } - TAKEN - CONVERTED - LOSSLESS
 
 
 def gray_image(name: str) -> np.ndarray:
@@ -72,7 +73,17 @@ def gray_image(name: str) -> np.ndarray:
     *((name, True) for name in sorted(CONVERTED))])
 def test_accepted_encodings(name: str, to_color: bool) -> None:
     picture = to_video_frame(gray_image(name), name, '.mkv', to_color)
-    assert picture.stream_format == (6, 8, 'yuv420p')
+    assert picture.stream_format == (6, 8, 'yuv420p', '')
+
+
+@pytest.mark.parametrize('name', sorted(LOSSLESS))
+def test_numbers_of_16_bits_are_lossless_in_matroska(name: str) -> None:
+    picture = to_video_frame(gray_image(name), name, '.mkv')
+    assert picture.stream_format == (6, 8, 'gray16le', name)
+    assert (picture.frame.to_ndarray() == 100).all()
+    for suffix in ('.mp4', '.avi'):
+        with pytest.raises(VideoError, match=f'a {name} frame cannot be stored as {suffix}'):
+            to_video_frame(gray_image(name), name, suffix)
 
 
 @pytest.mark.parametrize(('name', 'to_color'), [

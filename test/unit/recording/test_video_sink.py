@@ -40,6 +40,7 @@ from opencv_tools.recording.manifest import Manifest
 from opencv_tools.recording.naming import FrameMetadata
 from opencv_tools.recording.recorder import Recorder, Sink
 from opencv_tools.recording.selection import Limits
+from opencv_tools.recording.video.writer import count_frames
 import pytest
 from recordings import NANO, open_videos
 from stepped_clock import SteppedClock
@@ -456,22 +457,99 @@ def test_frame_that_fails_to_encode_uses_no_number(tmp_path: Path) -> None:
     assert lines(tmp_path) == [('clip.mkv', 0, 1, [16, 16])]
 
 
-@pytest.mark.parametrize(('encoding', 'dtype', 'suffixes'), [
-    ('mono16', 'uint16', '.png or .tif or .tiff or .npy'),
-    ('32FC1', 'float32', '.tif or .tiff or .npy'), ('bayer_rggb16', 'uint16', '.npy'),
-    ('16SC1', 'int16', '.npy')])
+@pytest.mark.parametrize(('encoding', 'dtype', 'suffix', 'suffixes'), [
+    ('mono16', 'uint16', '.mp4', '.png or .tif or .tiff or .mkv or .npy'),
+    ('16UC1', 'uint16', '.avi', '.png or .tif or .tiff or .mkv or .npy'),
+    ('32FC1', 'float32', '.mkv', '.tif or .tiff or .npy'),
+    ('bayer_rggb16', 'uint16', '.mkv', '.npy'), ('16SC1', 'int16', '.mkv', '.npy')])
 def test_error_of_a_refused_frame_names_other_formats(
-        tmp_path: Path, encoding: str, dtype: str, suffixes: str) -> None:
-    videos = open_videos(tmp_path)
+        tmp_path: Path, encoding: str, dtype: str, suffix: str, suffixes: str) -> None:
+    videos = open_videos(tmp_path, f'a{suffix}')
     frame = RawFrame(metadata=FrameMetadata(1, '', encoding, ''), receive_ns=1,
                      image=np.zeros((4, 4), dtype))
     with pytest.raises(UnwritableError) as caught:
         videos.prepare(frame)
     remedy = ('' if encoding == 'bayer_rggb16' else
               ', or allow a loss and give the range of the numbers')
-    assert str(caught.value) == (f'a {encoding} frame cannot be stored as .mkv; '
+    assert str(caught.value) == (f'a {encoding} frame cannot be stored as {suffix}; '
                                  f'set the extension of file_name to {suffixes}{remedy}')
     videos.close()
+
+
+def depth(number: int, size: tuple[int, int] = SMALL, encoding: str = '16UC1') -> RawFrame:
+    image = np.random.default_rng(number).integers(0, 2**16, size).astype(np.uint16)
+    image.flat[:3] = 0, 65535, 1
+    stamp_ns = NANO + number * NANO // 20
+    return RawFrame(metadata=FrameMetadata(stamp_ns, 'camera', encoding, '/depth'),
+                    receive_ns=7, image=image)
+
+
+def read_depth(path: Path) -> list[np.ndarray]:
+    with av.open(str(path)) as container:
+        assert container.streams.video[0].codec_context.pix_fmt == 'gray16le'
+        return [frame.to_ndarray() for frame in container.decode(video=0)]
+
+
+def test_depth_of_another_size_or_encoding_begins_a_file(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path)
+    frames = [depth(0), depth(1), depth(2, (5, 1)), depth(3, (480, 847)), depth(4),
+              depth(5, encoding='mono16'), noise(6), noise(7), depth(8)]
+    names = [put(videos, frame) for frame in frames]
+    videos.close()
+    assert names == ['clip.mkv', 'clip.mkv', 'clip_1.mkv', 'clip_2.mkv', 'clip_3.mkv',
+                     'clip_4.mkv', 'clip_5.mkv', 'clip_5.mkv', 'clip_6.mkv']
+    entries = read_manifest(tmp_path)
+    assert [(line['encoding'], line['stored_encoding'], line['frames']) for line in entries] == [
+        ('16UC1', 'ffv1', 2), *[('16UC1', 'ffv1', 1)] * 3, ('mono16', 'ffv1', 1),
+        ('mono8', 'h264', 2), ('16UC1', 'ffv1', 1)]
+    for line in entries:
+        if line['stored_encoding'] == 'ffv1':
+            expected = [frame.image for frame, name in zip(frames, names) if name == line['file']]
+            np.testing.assert_array_equal(read_depth(tmp_path / line['file']), expected)
+
+
+@pytest.mark.parametrize(('size', 'most'), [
+    ((4, 6), 3000), ((16, 16), 30_000), ((480, 640), 3_000_000)])
+def test_videos_of_depth_stay_below_max_bytes(
+        tmp_path: Path, size: tuple[int, int], most: int) -> None:
+    videos = open_videos(tmp_path, limits=Limits(max_bytes=most))
+    taken = 0
+    with pytest.raises(LimitReached):
+        for taken in range(1000):
+            put(videos, depth(taken, size))
+    videos.close()
+    (_, _, count, _), = lines(tmp_path)
+    written = (tmp_path / 'clip.mkv').stat().st_size
+    assert 0.75 * most < written <= most
+    assert videos.counts.kept + videos.counts.skipped == taken
+    assert len(read_depth(tmp_path / 'clip.mkv')) == count == videos.counts.kept > 3
+
+
+def test_ring_of_depth(tmp_path: Path) -> None:
+    videos = open_videos(tmp_path, 'd{seq}.mkv', limits=Limits(max_frames=20, ring=True))
+    for number in range(57):
+        put(videos, depth(number))
+    videos.close()
+    kept = [image for line in read_manifest(tmp_path)
+            for image in read_depth(tmp_path / line['file'])]
+    assert 18 <= len(kept) <= 20
+    np.testing.assert_array_equal(
+        kept, [depth(number).image for number in range(57 - len(kept), 57)])
+
+
+@pytest.mark.parametrize('part', [0.3, 0.7, 0.999])
+def test_frames_of_a_cut_video_of_depth(tmp_path: Path, part: float) -> None:
+    videos = open_videos(tmp_path)
+    for number in range(20):
+        put(videos, depth(number, (48, 64)))
+    videos.close()
+    path = tmp_path / 'clip.mkv'
+    assert count_frames(path) == 20
+    os.truncate(path, int(part * path.stat().st_size))
+    found = read_depth(path)
+    assert count_frames(path) == len(found) == pytest.approx(20 * part, abs=1)
+    np.testing.assert_array_equal(
+        found, [depth(number, (48, 64)).image for number in range(len(found))])
 
 
 def kept_numbers(folder: Path) -> list[int]:

@@ -1,0 +1,61 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Videos of depth without loss: FFV1 with one channel of 16 bits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import zlib
+
+#: Encodings that such a video holds, with the unit of their numbers by REP 118; '' for none.
+LOSSLESS_ENCODINGS = {'16UC1': 'mm', 'mono16': ''}
+#: Pixel format of FFmpeg for all of them.
+LOSSLESS_PIXELS = 'gray16le'
+
+_ENCODING, _UNIT = 'encoding', 'depth_unit'
+# At the end of a slice: its size, its state and its checksum.
+_SIZE_BYTES, _END_BYTES = 3, 8
+_REVERSED = bytes(int(f'{byte:08b}'[::-1], 2) for byte in range(256))
+_ONES = 2**32 - 1
+
+
+def lossless_tags(encoding: str) -> dict[str, str]:
+    """Return the metadata of the stream of an encoding."""
+    unit = LOSSLESS_ENCODINGS[encoding]
+    return {_ENCODING: encoding, **({_UNIT: unit} if unit else {})}
+
+
+def tagged_encoding(tags: Mapping[str, str]) -> str:
+    """Return the encoding in the metadata of a stream; '' if there is no valid one."""
+    found = {name.lower(): value for name, value in tags.items()}.get(_ENCODING, '')
+    return found if found in LOSSLESS_ENCODINGS else ''
+
+
+def has_valid_sums(packet: bytes) -> bool:
+    """
+    Return whether each slice of an FFV1 packet has a correct checksum (RFC 9043, 4.9.3).
+
+    FFmpeg replaces damaged slices by older ones without an error.
+    """
+    end = len(packet)
+    while end >= _END_BYTES:
+        size_at = end - _END_BYTES
+        begin = size_at - int.from_bytes(packet[size_at:size_at + _SIZE_BYTES], 'big')
+        # The polynomial is that of zlib, with the bits of each byte in the other order and
+        # without inversion. The remainder of a slice with its checksum is 0.
+        if begin < 0 or zlib.crc32(packet[begin:end].translate(_REVERSED), _ONES) != _ONES:
+            return False
+        end = begin
+    return end == 0 and len(packet) > 0

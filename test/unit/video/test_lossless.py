@@ -1,0 +1,62 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Checksums and metadata of FFV1, against the packets of FFmpeg."""
+
+from __future__ import annotations
+
+import av
+import numpy as np
+from opencv_tools.video.lossless import has_valid_sums, lossless_tags, tagged_encoding
+import pytest
+
+
+def packet(height: int, width: int, slices: int, sums: int = 1) -> bytes:
+    """Return a packet of noise from FFmpeg."""
+    context = av.CodecContext.create('ffv1', 'w')
+    context.width, context.height, context.pix_fmt = width, height, 'gray16le'
+    context.framerate = context.time_base = 1
+    context.options = {'level': '3', 'slices': str(slices), 'slicecrc': str(sums)}
+    image = np.random.default_rng(1).integers(0, 2**16, (height, width)).astype(np.uint16)
+    frame = av.VideoFrame.from_ndarray(image, 'gray16le')
+    frame.pts = 0
+    found, = [*context.encode(frame), *context.encode(None)]
+    return bytes(found)
+
+
+@pytest.mark.parametrize(('height', 'width', 'slices'), [
+    (1, 1, 1), (9, 31, 1), (64, 64, 4), (200, 64, 6), (64, 64, 16)])
+def test_checksums_of_ffmpeg(height: int, width: int, slices: int) -> None:
+    data = packet(height, width, slices)
+    assert has_valid_sums(data)
+    places = {*range(30), *range(0, len(data), 1 + len(data) // 300), *range(-30, 0)}
+    for place in places:
+        place %= len(data)
+        changed = bytes(byte ^ (index == place) << place % 8 for index, byte in enumerate(data))
+        assert not has_valid_sums(changed), place
+    assert not any(has_valid_sums(data[:-count]) for count in range(1, min(50, len(data))))
+    assert not has_valid_sums(b'\0' + data)
+
+
+@pytest.mark.parametrize('data', [b'', bytes(7), b'\xff' * 100, packet(64, 64, 4, sums=0)])
+def test_packets_without_checksums(data: bytes) -> None:
+    assert not has_valid_sums(data)
+
+
+def test_encodings_in_the_metadata() -> None:
+    assert lossless_tags('16UC1') == {'encoding': '16UC1', 'depth_unit': 'mm'}
+    assert lossless_tags('mono16') == {'encoding': 'mono16'}
+    assert tagged_encoding({'ENCODING': 'mono16', 'DEPTH_UNIT': 'mm'}) == 'mono16'
+    assert [tagged_encoding(tags) for tags in (
+        {}, {'encoding': ''}, {'encoding': 'bgr8'}, {'comment': '16UC1'})] == [''] * 4
