@@ -64,11 +64,11 @@ _OPTIONS = {
     'preset': 'superfast', 'tune': 'zerolatency', 'x264-params': 'force-cfr=0', 'forced-idr': '1',
     'threads': str(min(4, os.cpu_count() or 1)), 'colorspace': 'smpte170m', 'color_range': 'tv',
 }
-# Each frame is complete in itself and has checksums, so that damage costs only its frame. Small
-# pictures cannot be sliced.
+# Each frame is complete in itself and has checksums, so that damage costs only its frame. FFmpeg
+# slices all pictures above a size, and cannot slice those of a pixel.
 _LOSSLESS_OPTIONS = {'level': '3', 'g': '1', 'slicecrc': '1', 'thread_type': 'slice',
                      'threads': _OPTIONS['threads']}
-_SLICES, _SLICED_SIDE = 4, 64
+_SLICES, _UNSLICED = 4, (352, 288)
 _NOMINAL_RATE = 30  # frames per second, for players of formats that must name a rate
 _KEY_SECONDS = 1
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
@@ -220,7 +220,7 @@ class _EncodedStream(WrittenVideo[VideoFrame]):
     def open(self, container: Any, ticks: int) -> None:  # noqa: A003
         self._ticks = ticks
         width, height, pixels, encoding = self.stream_format
-        slices = _SLICES if min(width, height) >= _SLICED_SIDE else 1
+        slices = 1 if width <= _UNSLICED[0] and height <= _UNSLICED[1] else _SLICES
         codec, options = ('ffv1', {**_LOSSLESS_OPTIONS, 'slices': str(slices)}) if encoding else (
             'libx264', {**_OPTIONS, 'crf': str(self._crf)})
         self._stream = container.add_stream(codec, rate=_NOMINAL_RATE, options=options)

@@ -33,7 +33,8 @@ import pytest
 from waiting import LONGEST_SECONDS
 
 START_NS = 1_700_000_000_123_456_789
-SIZES = [(1, 1), (1, 5), (5, 1), (37, 23), (64, 64), (70, 333), (480, 848)]
+SIZES = [(1, 1), (1, 5), (5, 1), (288, 1), (1, 352), (37, 23), (288, 352), (289, 3), (3, 353),
+         (2000, 63), (480, 848)]
 
 
 def depth(number: int, height: int = 70, width: int = 90) -> np.ndarray:
@@ -272,6 +273,16 @@ def test_missing_library_is_named_with_its_remedy(
     monkeypatch.setitem(sys.modules, 'av', None)
     with pytest.raises(CaptureError, match=r'a\.mkv cannot be read: videos need PyAV.*install it '
                        r"with .*'pip install av'"):
+        opened(path)
+
+
+@pytest.mark.parametrize(('height', 'width'), [(2, 501), (77, 13), (501, 2)])
+def test_picture_with_too_many_pixels(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, height: int, width: int) -> None:
+    path = write(tmp_path / 'a.mkv', [depth(1, height, width)])
+    monkeypatch.setattr('opencv_tools.capture.depth_video.MAX_PIXELS', 1000)
+    with pytest.raises(CaptureError, match=(
+            rf'a\.mkv cannot be read: {width}x{height} pixels are more than max_pixels=1000')):
         opened(path)
 
 
