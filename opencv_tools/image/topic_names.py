@@ -30,15 +30,24 @@ def image_topic(topic: str) -> str:
     return base if base and suffix in IMAGE_SUFFIXES else topic
 
 
+def camera_info_topics(topic: str) -> tuple[str, ...]:
+    """
+    Return the topics of camera_info that may belong to a topic of images or video, best first.
+
+    :returns: ``<image topic>/camera_info`` as beside rectified images, if the name is not too
+        long, and the one in the folder of the image topic.
+    """
+    images = image_topic(topic)
+    own, beside = f'{images}/camera_info', f'{images.rpartition("/")[0]}/camera_info'
+    return (own, beside) if len(own) <= _MAX_NAME else (beside,)
+
+
 def camera_info_topic(topic: str, exists: Callable[[str], object] = lambda _: False) -> str:
     """
     Return the topic of the camera_info that belongs to a topic of images or video.
 
     :param exists: returns whether somebody publishes a topic, or a bag has it.
-    :returns: ``<image topic>/camera_info`` if it exists, as beside rectified images; else the one
-        in the folder of the image topic.
+    :returns: the best one of `camera_info_topics` that exists, or the last one.
     """
-    images = image_topic(topic)
-    own = f'{images}/camera_info'
-    has_own = len(own) <= _MAX_NAME and exists(own)
-    return own if has_own else f'{images.rpartition("/")[0]}/camera_info'
+    *others, last = camera_info_topics(topic)
+    return next(filter(exists, others), last)

@@ -29,7 +29,7 @@ from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage,
 from opencv_tools.image.compressed_depth import compressed_size
 from opencv_tools.image.errors import CodecError, SizeError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
-from opencv_tools.image.topic_names import camera_info_topic, image_topic
+from opencv_tools.image.topic_names import camera_info_topic, camera_info_topics, image_topic
 from opencv_tools.recording.bag_sink import MessageFrame, RecordedMessage
 from opencv_tools.recording.frames import (
     ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)
@@ -118,6 +118,51 @@ def _declared_size(message: WireCompressedImage) -> tuple[int, int]:
         return 0, 0
 
 
+class InfoMessages:
+    """Receive the serialized messages of a topic of camera_info, as its publishers offer them."""
+
+    def __init__(
+        self, node: Node, topic: str, on_message: Callable[[str, Any, int, int, int], object],
+    ) -> None:
+        """
+        Subscribe.
+
+        :param topic: name of the topic after remapping.
+        :param on_message: called with the topic, a serialized message, the times of reception and
+            of publication in nanoseconds, and the number of the message; 0 for what is unknown.
+        """
+        self._node, self._topic, self._on_message = node, topic, on_message
+        self._subscribe(offers_of(node, topic, CAMERA_INFO))
+
+    def follow(self) -> None:
+        """Subscribe again if the publishers offer something else."""
+        offers = offers_of(self._node, self._topic, CAMERA_INFO)
+        if offers and _qos(offers) != self._qos:
+            self.close()
+            self._subscribe(offers)
+
+    def close(self) -> None:
+        """Pass on the messages that have arrived, and unsubscribe."""
+        for _ in range(_DEPTH):
+            taken = take_serialized(self._subscription.handle)
+            if taken is None:
+                break
+            serialized, info = taken
+            self._on_message(self._topic, serialized, info.received_timestamp,
+                             info.source_timestamp, info.number)
+        self._node.destroy_subscription(self._subscription)
+
+    def _subscribe(self, offers: list[TopicEndpointInfo]) -> None:
+        self._qos = _qos(offers)
+        receive: Any = self._receive  # the types of rclpy lack the second argument
+        self._subscription = destroyable(self._node.create_subscription(
+            CameraInfo, self._topic, receive, self._qos, raw=True))
+
+    def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
+        self._on_message(
+            self._topic, serialized, info['received_timestamp'], info['source_timestamp'], 0)
+
+
 class BagMessages:
     """Create the messages of a bag. The topics are described with what their publishers offer."""
 
@@ -125,7 +170,7 @@ class BagMessages:
         self, node: Node, topic: str, log: Log, on_message: Callable[[RecordedMessage], object],
     ) -> None:
         """
-        Create a converter and subscribe to the camera_info beside the images.
+        Create a converter and subscribe to the camera_info that may belong to the images.
 
         :param topic: topic of the frames, after remapping.
         :param on_message: called with each camera_info, as it was received.
@@ -137,13 +182,14 @@ class BagMessages:
         self._channels: dict[tuple[str, str], BagChannel] = {}
         self._image_topics: dict[str, str] = {}
         self._throttle = Throttle()
-        self._images = topic
+        self._topic = topic
         self._checks = 0
-        # The first messages of camera_info, until the check of its topic was repeated: the one of
-        # rectified images may be discovered later than that of the camera.
+        self._found = set[str]()  # topics of camera_info with messages
+        # The first messages of each topic: that of rectified images may be discovered later than
+        # that of the camera.
         self._held: list[RecordedMessage] | None = []
-        info_topic = self._info_topic()
-        self._subscribe(info_topic, offers_of(self._node, info_topic, CAMERA_INFO))
+        self._infos = [InfoMessages(node, info_topic, self._pass_on)
+                       for info_topic in camera_info_topics(topic)]
 
     def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
         """
@@ -155,72 +201,49 @@ class BagMessages:
         type_name = type_of(received)
         if type_name == IMAGE:
             topic = self._topic_of_images(topic)
-        self._images = topic
         if self._throttle.passes('camera_info', _CHECK_SECONDS):
-            self._follow_camera_info()
+            for info in self._infos:
+                info.follow()
+            if self._checks:
+                self._release()
+            self._checks += 1
         return frame_of(received, self._channel(topic, type_name),
                         self._arrivals.arrival_ns(received.receive_ns))
 
     def close(self) -> None:
         """Pass on the messages of camera_info that have arrived, and unsubscribe."""
-        self._unsubscribe()
-        if self._info_topic() == self._topic:
-            self._release()
-
-    def _unsubscribe(self) -> None:
-        for _ in range(_DEPTH):
-            taken = take_serialized(self._subscription.handle)
-            if taken is None:
-                break
-            serialized, info = taken
-            self._pass_on(serialized, info.received_timestamp, info.source_timestamp, info.number)
-        self._node.destroy_subscription(self._subscription)
-
-    def _info_topic(self) -> str:
-        return camera_info_topic(self._images, self._node.count_publishers)
-
-    def _follow_camera_info(self) -> None:
-        """Subscribe again if the topic has changed, or its publishers offer something else."""
-        topic = self._info_topic()
-        offers = offers_of(self._node, topic, CAMERA_INFO)
-        if topic != self._topic or (offers and _qos(offers) != self._qos):
-            self._unsubscribe()
-            if topic != self._topic and self._held:
-                self._held.clear()
-            self._subscribe(topic, offers)
-        elif self._checks:
-            self._release()
-        self._checks += 1
+        for info in self._infos:
+            info.close()
+        self._release()
 
     def _release(self) -> None:
         """Pass on the first messages, and hold none from now on."""
         held, self._held = self._held, None
         for message in held or ():
+            self._add(message)
+
+    def _add(self, message: RecordedMessage) -> None:
+        """Pass on a message, if its topic belongs to the images."""
+        topic = message.channel.topic
+        if topic == camera_info_topic(self._topic, lambda name: (
+                name in self._found or self._node.count_publishers(name))):
             self._on_message(message)
 
-    def _subscribe(self, topic: str, offers: list[TopicEndpointInfo]) -> None:
-        self._topic, self._qos = topic, _qos(offers)
-        receive: Any = self._receive  # the types of rclpy lack the second argument
-        self._subscription = destroyable(self._node.create_subscription(
-            CameraInfo, topic, receive, self._qos, raw=True))
-
-    def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
-        self._pass_on(serialized, info['received_timestamp'], info['source_timestamp'])
-
     def _pass_on(
-        self, serialized: Any, received_ns: int, source_ns: int, number: int = 0,
+        self, topic: str, serialized: Any, received_ns: int, source_ns: int, number: int,
     ) -> None:
         if len(serialized) > _MAX_BYTES:
             self._log.warning(
-                f'a message of {len(serialized)} bytes on {self._topic} was not recorded: a '
+                f'a message of {len(serialized)} bytes on {topic} was not recorded: a '
                 f'camera_info has at most {_MAX_BYTES}', every=_WARNING_SECONDS, key='camera_info')
             return
+        self._found.add(topic)
         log_ns = received_ns or time.time_ns()
         message = RecordedMessage(
-            channel=self._channel(self._topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
+            channel=self._channel(topic, CAMERA_INFO), parts=(serialized,), log_ns=log_ns,
             publish_ns=source_ns or log_ns, number=number)
         if self._held is None:
-            self._on_message(message)
+            self._add(message)
             return
         self._held.append(message)
         if len(self._held) == _DEPTH:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Condition, RLock
@@ -104,6 +105,8 @@ class FrameQueue:
         #: Number of frames that were not passed on, because newer ones have replaced them, their
         #: calibration did not arrive, or the queue was closed.
         self.skipped = 0
+        #: Called before a frame gets its calibration.
+        self.before_pairing: Callable[[], object] = lambda: None
         #: Number of messages of video that need one that did not arrive.
         self.left_out = 0
         #: Whether the last message was one of them.
@@ -232,6 +235,7 @@ class FrameQueue:
     def _add(self, frame: QueuedFrame) -> None:
         """Add a frame to those that are complete, or to those that wait for their calibration."""
         if self._with_info and isinstance(frame, ReceivedMessage):
+            self.before_pairing()
             frame.camera_info = self._infos.pop(frame.stamp_ns, None)
             if frame.camera_info is None:
                 self._unpaired.append(frame)

@@ -18,13 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
 from contextlib import suppress
+from functools import partial
 from threading import current_thread, Lock, RLock, Thread
 import time
 from typing import NamedTuple
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.topic_names import camera_info_topic
+from opencv_tools.image.topic_names import camera_info_topic, camera_info_topics
 from opencv_tools.topics.events import destroyable
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions
@@ -241,45 +242,55 @@ class Account(NamedTuple):
 
 
 class InfoReader:
-    """Put the camera_info that belongs to an image topic into a queue."""
+    """
+    Put the camera_info that belongs to an image topic into a queue.
+
+    All topics that it may have are read, because that of rectified images may be discovered later
+    than that of the camera.
+    """
 
     def __init__(
         self, node: Node, images: str, queue: FrameQueue, wake_ups: WakeUps,
     ) -> None:
         """
-        Read nothing yet; ``follow`` subscribes.
+        Read nothing yet; ``subscribe`` does.
 
         :param images: name of the image topic after remapping.
         """
         self._node, self._images = node, images
         self._queue, self._wake_ups = queue, wake_ups
-        self._subscription: Subscription | None = None
-        #: Topic of the camera_info.
-        self.topic = ''
+        self._subscriptions: list[Subscription] = []
+        self._last = self.topic
+        queue.before_pairing = self._follow
 
-    def follow(self) -> None:
-        """Subscribe, or subscribe to another topic if that belongs to the images now."""
-        topic = self._current()
-        if topic != self.topic:
-            self.destroy()
-            self._queue.forget_infos()
-            self.topic = topic
-            self._subscription = destroyable(self._node.create_subscription(
-                CameraInfo, topic, self._receive, qos_profile_sensor_data))
-
-    def _current(self) -> str:
+    @property
+    def topic(self) -> str:
+        """Topic of the camera_info that belongs to the images now."""
         return camera_info_topic(self._images, self._node.count_publishers)
 
-    def _receive(self, info: CameraInfo) -> None:
-        if self._current() == self.topic:  # otherwise `follow` has not noticed yet
-            self._queue.put_info(info)
-            self._wake_ups.wake()
+    def subscribe(self) -> None:
+        """Read the topics."""
+        self._subscriptions = [destroyable(self._node.create_subscription(
+            CameraInfo, topic, partial(self._receive, topic), qos_profile_sensor_data))
+            for topic in camera_info_topics(self._images)]
 
     def destroy(self) -> None:
         """Unsubscribe."""
-        if self._subscription:
-            self._node.destroy_subscription(self._subscription)
-        self._subscription = None
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
+
+    def _follow(self) -> None:
+        """Forget the messages of a topic that no longer belongs to the images."""
+        current = self.topic
+        if current != self._last:
+            self._queue.forget_infos()
+            self._last = current
+
+    def _receive(self, topic: str, info: CameraInfo) -> None:
+        if topic == self.topic:
+            self._queue.put_info(info)
+            self._wake_ups.wake()
 
 
 class FrameSubscription:
@@ -339,7 +350,7 @@ class FrameSubscription:
 
         with self._changing:
             if self._infos:
-                self._infos.follow()
+                self._infos.subscribe()
             self._timer = create_steady_timer(
                 self._node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
             if self._is_threaded:
@@ -466,8 +477,6 @@ class FrameSubscription:
                 self._no_frames_warning.reset_period()
             if self._sources.adapt():
                 self._no_frames_warning.reset()
-            if self._infos:
-                self._infos.follow()
         with self._queue.lock:
             counts = dict(self._queue.order.accepted)
         self._mixed_publishers.check(self.topic_name, counts)
