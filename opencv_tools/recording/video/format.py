@@ -35,7 +35,7 @@ from opencv_tools.recording.errors import UnwritableError
 from opencv_tools.recording.file_sink import CLOCK_JUMP_NS, FileFormat, OpenFile, Room
 from opencv_tools.recording.frames import PacketFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
-    EncoderSettings, formats_for, to_eight_bits, without_loss)
+    EncoderSettings, formats_for, LOSSLESS_VIDEO, to_eight_bits, without_loss)
 from opencv_tools.recording.manifest import file_entry, ManifestEntry
 from opencv_tools.recording.recorder import Prepared
 from opencv_tools.recording.video.container import VideoFile, WrittenVideo
@@ -175,8 +175,9 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         try:
             return to_video_frame(image, name, settings.suffix, settings.to_color)
         except VideoError as err:
+            other = raw.metadata.encoding if settings.suffix != LOSSLESS_VIDEO else ''
             raise UnwritableError(f'{err}; set the extension of file_name to '
-                                  f'{formats_for(_image_type(raw), raw.metadata.encoding)}'
+                                  f'{formats_for(_image_type(raw), other)}'
                                   + without_loss(find_encoding(name), settings)) from err
 
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,

@@ -65,10 +65,10 @@ _OPTIONS = {
     'threads': str(min(4, os.cpu_count() or 1)), 'colorspace': 'smpte170m', 'color_range': 'tv',
 }
 # Each frame is complete in itself and has checksums, so that damage costs only its frame. FFmpeg
-# slices all pictures above a size, and cannot slice those of a pixel.
+# slices all pictures above a size, twice a side. Version 6 loses slices of one pixel a side.
 _LOSSLESS_OPTIONS = {'level': '3', 'g': '1', 'slicecrc': '1', 'thread_type': 'slice',
                      'threads': _OPTIONS['threads']}
-_SLICES, _UNSLICED = 4, (352, 288)
+_SLICES, _UNSLICED, _LEAST_SIDE = 4, (352, 288), 4
 _NOMINAL_RATE = 30  # frames per second, for players of formats that must name a rate
 _KEY_SECONDS = 1
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
@@ -130,6 +130,9 @@ def to_video_frame(
         image = convert_image(image, encoding, find_encoding('bgr8'))
     height, width = image.shape[:2]
     if is_lossless:
+        if min(width, height) < _LEAST_SIDE:
+            raise VideoError(f'a {width}x{height} {encoding_name} frame cannot be stored as '
+                             f'{suffix}, which needs {_LEAST_SIDE} pixels a side')
         frame = av.VideoFrame(width, height, LOSSLESS_PIXELS)
         _fill(frame, [image.reshape(height, width)], '<u2')
         return VideoFrame(frame, encoding_name)

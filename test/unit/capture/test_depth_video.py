@@ -33,8 +33,8 @@ import pytest
 from waiting import LONGEST_SECONDS
 
 START_NS = 1_700_000_000_123_456_789
-SIZES = [(1, 1), (1, 5), (5, 1), (288, 1), (1, 352), (37, 23), (288, 352), (289, 3), (3, 353),
-         (2000, 63), (480, 848)]
+SIZES = [(4, 4), (4, 5), (5, 4), (288, 4), (4, 352), (37, 23), (288, 352), (289, 4), (5, 353),
+         (1000, 4), (2000, 63), (480, 848)]
 
 
 def depth(number: int, height: int = 70, width: int = 90) -> np.ndarray:
@@ -148,7 +148,7 @@ def test_skipped_frames(tmp_path: Path) -> None:
     assert source.description == '16 bits 90x70 at 30 Hz'
 
 
-@pytest.mark.parametrize('suffix', ['mkv', 'avi', 'mp4', 'nut'])
+@pytest.mark.parametrize('suffix', ['mkv', 'avi', 'nut'])
 @pytest.mark.parametrize('options', [{}, {'g': '1'}, {'level': '1'}, {'slicecrc': '0'}])
 def test_file_of_another_program(
         tmp_path: Path, suffix: str, options: dict[str, str]) -> None:
@@ -210,7 +210,7 @@ def test_damaged_frame_is_reported(
 
 def test_damaged_frame_costs_those_until_the_next_key_frame(tmp_path: Path) -> None:
     images = [depth(number) for number in range(12)]
-    path = write_foreign(tmp_path / 'a.mkv', images, g='4')
+    path = write_foreign(tmp_path / 'a.mkv', images, g='4', level='3', slicecrc='1')
     content = bytearray(path.read_bytes())
     content[content.index(packets(path)[5]) + 999] ^= 0x10
     path.write_bytes(content)
@@ -276,7 +276,7 @@ def test_missing_library_is_named_with_its_remedy(
         opened(path)
 
 
-@pytest.mark.parametrize(('height', 'width'), [(2, 501), (77, 13), (501, 2)])
+@pytest.mark.parametrize(('height', 'width'), [(4, 501), (77, 13), (501, 5)])
 def test_picture_with_too_many_pixels(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, height: int, width: int) -> None:
     path = write(tmp_path / 'a.mkv', [depth(1, height, width)])

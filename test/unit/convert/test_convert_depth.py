@@ -114,7 +114,7 @@ def test_pictures_of_compressed_floats(tmp_path: Path, suffix: str) -> None:
     np.testing.assert_allclose(read(tmp_path / f'a{suffix}').ravel(), expected, rtol=1e-7)
 
 
-@every_size
+@pytest.mark.parametrize(('height', 'width'), [(4, 5), *SIZES[1:]])
 @pytest.mark.parametrize('encoding', ['16UC1', 'mono16'])
 @pytest.mark.parametrize('entry', [raw_entry, png_entry, depth_entry])
 def test_video_and_back(
@@ -211,6 +211,18 @@ def test_frames_that_no_video_holds_fail_beside_others(
     path, = recorded_files(tmp_path / 'out')
     assert [(frame.image == millimetres(number, 4, 6)).all()
             for frame, number in zip(frames(path), (0, 2), strict=True)] == [True, True]
+
+
+@pytest.mark.parametrize(('height', 'width'), [(1, 640), (3, 3), (480, 1)])
+def test_narrow_depth_has_no_video(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], height: int, width: int) -> None:
+    bag = write_mcap(tmp_path / 'a.mcap', [
+        image_entry(1, millimetres(1, height, width), '16UC1')])
+    assert convert(bag, tmp_path / 'a.mkv') == 1
+    assert (f'a {width}x{height} 16UC1 frame cannot be stored as .mkv, which needs 4 pixels a '
+            'side; set the extension of file_name to .png or .tif or .tiff or .npy, or allow a '
+            'loss and give the range of the numbers') in capsys.readouterr().err
+    assert convert(bag, tmp_path / 'a.mkv', '--lossy', '--range', '0:9000') == 0
 
 
 def test_missing_library_is_named_with_its_remedy(

@@ -492,7 +492,7 @@ def read_depth(path: Path) -> list[np.ndarray]:
 
 def test_depth_of_another_size_or_encoding_begins_a_file(tmp_path: Path) -> None:
     videos = open_videos(tmp_path)
-    frames = [depth(0), depth(1), depth(2, (5, 1)), depth(3, (480, 847)), depth(4),
+    frames = [depth(0), depth(1), depth(2, (5, 4)), depth(3, (480, 847)), depth(4),
               depth(5, encoding='mono16'), noise(6), noise(7), depth(8)]
     names = [put(videos, frame) for frame in frames]
     videos.close()
