@@ -40,7 +40,7 @@ _GIVES = re.compile(
 BUDGET = {
     '': 945, 'bags': 1085, 'base': 635, 'calibration': 1785, 'capture': 2200, 'convert': 345,
     'datasets': 2490, 'frames': 440, 'image': 1360, 'message_types': 570, 'nodes': 2565,
-    'recording': 2275, 'robot': 5925, 'topics': 1955, 'transport': 1170, 'video': 895, 'viewer':
+    'recording': 2280, 'robot': 5925, 'topics': 1955, 'transport': 1170, 'video': 895, 'viewer':
     5205}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
            tokenize.ENDMARKER)
