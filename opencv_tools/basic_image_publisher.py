@@ -68,7 +68,8 @@ class ImagePublisher(ClosableNode):
         if not is_camera(settings.source):
             controls.warn_unknown_parameters()
         if settings.wait_for_subscribers:
-            self._log.info(f'Waiting for {settings.wait_for_subscribers} subscriber(s)')
+            self._log.info(f'Waiting for {settings.wait_for_subscribers} subscriber(s) of images '
+                           'or video')
         self._thread.start()
 
     def close(self) -> int:

@@ -44,6 +44,7 @@ from opencv_tools.video.packet import VideoPacket
 # the colour channels, so it can be decoded to each of them.
 _AS_JPEG = ('', 'bgr8', 'rgb8', 'bgra8', 'rgba8')
 _MAX_CHANNELS = 4  # that OpenCV turns
+_STARTS = {'jpeg': JPEG_SOI, 'png': b'\x89PNG'}
 _DECODED = find_encoding('bgr8')  # colour JPEG
 
 Lend = Callable[[int, int, Encoding], NDArray[Any] | None]
@@ -258,10 +259,12 @@ def _is_kept(output: OutputImage, *, as_depth: bool = False) -> bool:
         return False
     if as_depth:
         return _keeps_pixels(settings)
-    if not frame.recorded:  # a data set has pictures of bags without their messages
-        is_jpeg = frame.image[:len(JPEG_SOI)].tobytes() == JPEG_SOI
-        if settings.compressed_format == 'png' or not is_jpeg:
-            return False
+    codec = next((name for name, start in _STARTS.items()
+                  if frame.image[:len(start)].tobytes() == start), '')
+    if settings.compressed_format not in ('auto', codec):
+        return False
+    if not frame.recorded and codec != 'jpeg':  # a data set has pictures without their messages
+        return False
     return _keeps_pixels(settings, *_AS_JPEG) or (
         _keeps_pixels(settings, 'mono8') and output._is_gray_jpeg)
 

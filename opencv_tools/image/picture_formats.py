@@ -83,7 +83,8 @@ def reduction(before: Encoding, after: Encoding) -> str:
     """
     lost = 8 * (np.dtype(before.dtype).itemsize - np.dtype(after.dtype).itemsize)
     has_lost_alpha = before.channels == 4 and after.channels < 4
-    what = f'{lost} bits' if lost > 0 else 'alpha' if has_lost_alpha else ''
+    what = ' and '.join(filter(None, (
+        f'{lost} bits' if lost > 0 else '', 'alpha' if has_lost_alpha else '')))
     return what and f'{before.name} images lose {what} in {after.name}'
 
 
@@ -97,7 +98,9 @@ def why_not_compressed(encoding: Encoding, width: int, height: int, wanted: str)
     """Return why a topic of compressed images has no image of an encoding; '' if it has."""
     codec, stored = compressed_form(encoding, wanted)
     reason = why_not_stored(stored, (height, width), f'.{codec}')
-    return reason and f'an image of {encoding.name} {reason}'
+    remedy = ', but with compressed_format auto' if (
+        wanted == 'jpeg' and not why_not_stored(stored, (height, width), '.png')) else ''
+    return reason and f'an image of {encoding.name} {reason}{remedy}'
 
 
 def why_not_stored(encoding: Encoding, shape: Sequence[int], suffix: str) -> str:

@@ -61,7 +61,7 @@ class CameraRequest:
     fourcc: str = parameter(
         '', 'Pixel format requested from the camera, such as YUYV or MJPG; empty for the best '
         'format at this size and rate', check=check_fourcc, changeable=True,
-        other_names=('pixel_format',))
+        other_names=('pixel_format', 'color_format'))
     encoding: str = parameter(
         '', "Encoding of the published images; '' for the encoding of the source",
         choices=(*ENCODINGS, ''), changeable=True,

@@ -190,7 +190,7 @@ class PublishLoop:
         missed = f', {self._grabber.missed} missed' if self._grabber.missed else ''
         unseen = f', {self._unseen} without subscribers' if self._unseen else ''
         may_wait = not (self._is_live or self.settings.wait_for_subscribers)
-        if may_wait and 0 < self._unseen < self._progress.count:
+        if may_wait and self._unseen:
             unseen += ' (wait_for_subscribers:=1 waits for the first one)'
         unfit = (f', {self._unfit} in no form that its subscribers receive' if self._unfit else '')
         others = (f'; {self._topic_player.count} messages of other topics'

@@ -51,8 +51,10 @@ class PublisherSettings(NodeSettings):
     source: str = parameter(
         '0', 'Device number, device path, video file, bag, image file, folder or glob of images, '
         'stream URL, or pattern[:depth][:WIDTHxHEIGHT[@FPS]]', check=check_source, ends=True,
-        other_names=('video_device', 'device', 'device_id', 'filename', 'file', 'videofile',
-                     'video_file', 'index', 'url', 'uri', 'gscam_config'))
+        other_names=('video_device', 'device', 'device_id', 'device_path', 'input_device',
+                     'camera', 'camera_device', 'camera_index', 'filename', 'file', 'path',
+                     'videofile', 'video_file', 'video_path', 'index', 'url', 'uri',
+                     'gscam_config'))
     bag_topic: str = parameter(
         '', 'Topic of the images of a bag; empty for the only one')
     topics: str = parameter(

@@ -221,7 +221,8 @@ def test_compressed_form_keeps_bits_and_alpha(captured: str) -> None:
 
 @pytest.mark.parametrize(('captured', 'wanted', 'reason'), [
     ('32FC1', 'auto', 'an image of 32FC1 cannot be stored as png'),
-    ('16UC1', 'jpeg', 'an image of 16UC1 cannot be stored as jpeg')])
+    ('16UC1', 'jpeg',
+     'an image of 16UC1 cannot be stored as jpeg, but with compressed_format auto')])
 def test_image_without_a_compressed_form(captured: str, wanted: str, reason: str) -> None:
     output = OutputImage(frame_of(captured), CaptureSettings(compressed_format=wanted))
     assert output.why_not_compressed == reason
@@ -324,6 +325,22 @@ def test_png_without_its_message_becomes_a_jpeg() -> None:
     output = OutputImage(CapturedFrame(content, JPEG), CaptureSettings(encoding='bgr8'))
     data, format_text = output.compressed
     assert format_text == 'bgr8; jpeg compressed bgr8' and data[:2].tobytes() == b'\xff\xd8'
+    assert np.abs(cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int) - PICTURE).mean() < 8
+
+
+@pytest.mark.parametrize(('stored', 'wanted', 'is_kept'), [
+    ('jpeg', 'auto', True), ('jpeg', 'jpeg', True), ('jpeg', 'png', False),
+    ('png', 'auto', True), ('png', 'png', True), ('png', 'jpeg', False),
+    ('webp', 'auto', True), ('webp', 'png', False)])
+def test_format_of_compressed_images_of_a_bag(stored: str, wanted: str, is_kept: bool) -> None:
+    content = cv2.imencode(f'.{stored}', PICTURE)[1].reshape(-1)
+    message = WireCompressedImage(header=NO_HEADER, format=stored, data=content.tobytes())
+    output = OutputImage(
+        CapturedFrame(content, JPEG, recorded=Recorded(message=message, topic='/a', log_ns=1)),
+        CaptureSettings(compressed_format=wanted))
+    data, format_text = output.compressed
+    assert (data is content) == is_kept
+    assert format_text == (stored if is_kept else f'bgr8; {wanted} compressed bgr8')
     assert np.abs(cv2.imdecode(data, cv2.IMREAD_COLOR).astype(int) - PICTURE).mean() < 8
 
 

@@ -366,7 +366,7 @@ def test_images_without_a_form_are_counted(
 
 @pytest.mark.parametrize(('wanted', 'encoding', 'loss'), [
     ('jpeg', 'mono16', 'mono16 images lose 8 bits in mono8'),
-    ('jpeg', 'rgba16', 'rgba16 images lose 8 bits in bgr8'),
+    ('jpeg', 'rgba16', 'rgba16 images lose 8 bits and alpha in bgr8'),
     ('jpeg', 'bgra8', 'bgra8 images lose alpha in bgr8'),
     ('auto', 'mono16', ''), ('jpeg', 'mono8', '')])
 def test_reduction_by_the_compressed_format_is_said_once(

@@ -52,7 +52,8 @@ def test_exit_after_max_frames(node: Node) -> None:
     loop = create_loop(node, source='pattern:64x48', publish_rate=0.0, max_frames=3)
     assert loop.run() == EXIT_OK
     assert loop.summary().startswith('Published 3 frames at ')
-    assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers')
+    assert loop.summary().endswith(' Hz, 0 dropped, 3 without subscribers '
+                                   '(wait_for_subscribers:=1 waits for the first one)')
     assert loop.camera is None
 
 
@@ -171,7 +172,8 @@ def test_frames_before_the_first_subscriber(
     ('video_frames/compressed', CompressedImage, 'mono16', ''),
     ('video_frames/compressed', CompressedImage, '32FC3',
      ', 3 in no form that its subscribers receive'),
-    ('camera_info', CameraInfo, 'bgr8', ', 3 without subscribers'),
+    ('camera_info', CameraInfo, 'bgr8', ', 3 without subscribers '
+     '(wait_for_subscribers:=1 waits for the first one)'),
 ])
 def test_frames_without_a_form_for_their_subscriber(
         node: Node, tmp_path: Path, subscribed: str, kind: type, encoding: str, unsent: str,

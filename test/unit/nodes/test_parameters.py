@@ -224,7 +224,8 @@ def test_misspelt_parameter_that_ends_the_node(context: Context, name: str) -> N
 @pytest.mark.parametrize(('name', 'meant'), [
     ('video_device', 'source'), ('filename', 'source'), ('sourc', 'source'),
     ('device_id', 'source'), ('gscam_config', 'source'), ('videofile', 'source'),
-    ('VIDEO_DEVICE', 'source'), ('camera_source', 'source'), ('loop_video', 'loop')])
+    ('VIDEO_DEVICE', 'source'), ('camera_source', 'source'), ('loop_video', 'loop'),
+    ('camera_index', 'source'), ('path', 'source')])
 def test_name_that_means_a_parameter_that_ends_the_node(
         context: Context, name: str, meant: str) -> None:
     with pytest.raises(ParameterError, match=f'no parameter {name}: did you mean {meant}'):
@@ -232,7 +233,8 @@ def test_name_that_means_a_parameter_that_ends_the_node(
 
 
 @pytest.mark.parametrize(('name', 'meant'), [
-    ('framerate', 'fps'), ('pixel_format', 'fourcc'), ('image_width', 'width'),
+    ('framerate', 'fps'), ('pixel_format', 'fourcc'), ('color_format', 'fourcc'),
+    ('image_width', 'width'),
     ('image_height', 'height'), ('camera_frame_id', 'frame_id'), ('output_encoding', 'encoding'),
     ('flip_vertical', 'flip'), ('image_size', 'width and height'), ('FPS', 'fps'),
     ('camera_info_path', 'camera_info_url')])
