@@ -269,8 +269,11 @@ def _check(request: ConvertRequest) -> FileNames:
     check_folder(str(Path(request.target).parent))
     names = FileNames(Path(request.target).name)
     check_format(names.suffix)
-    is_reduced = request.limits and (request.compressed or names.suffix not in _LOSSLESS_FOR_ALL)
-    if request.colors != COLORS[0] and not is_reduced:
+    if request.limits and names.suffix in _LOSSLESS_FOR_ALL and not request.compressed:
+        raise ValueError(f'--range is {request.limits[0]:g}:{request.limits[1]:g}, but '
+                         f'{names.suffix} keeps all numbers: leave the range out, or give a '
+                         'target with an extension such as .png or .mp4')
+    if request.colors != COLORS[0] and not request.limits:
         raise ValueError(f'--colors is {request.colors}, but has an effect with --lossy and '
                          '--range in pictures and videos only: give --lossy, --range LOW:HIGH '
                          'and a target with an extension such as .png or .mp4')

@@ -158,7 +158,7 @@ def encode_frame(frame: ReceivedFrame, settings: EncoderSettings) -> EncodedImag
     """
     if isinstance(frame, CompressedFrame):
         found = read_image_header(frame.data)
-        may_change = settings.suffix == '.png' and settings.has_colors
+        may_change = settings.suffix == '.png' and settings.limits
         if settings.suffix in found.suffixes and not may_change:
             return EncodedImage(data=frame.data, encoding=frame.metadata.encoding,
                                 width=found.width, height=found.height)
@@ -180,8 +180,8 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         image, encoding = convert_image(_native(image, encoding), encoding, target), target
     # Planar luma and chroma look like a gray image, but are not one.
     type_name = generic_encoding(image).name if encoding.row_factor == 1 else encoding.name
-    is_colored = is_number(encoding) and settings.has_colors
-    if settings.lossy and (is_colored or type_name not in IMAGE_FORMATS[settings.suffix]):
+    is_shown = is_number(encoding) and settings.limits
+    if settings.lossy and (is_shown or type_name not in IMAGE_FORMATS[settings.suffix]):
         image, encoding = to_eight_bits(image, encoding, settings)
         type_name = encoding.type_name
     if type_name not in IMAGE_FORMATS[settings.suffix]:

@@ -149,8 +149,12 @@ class RecorderSettings(NodeSettings):
         if self.range and not self.lossy:
             raise ParameterError(f'parameter range_high is {self.range_high:g}, but lossy is '
                                  'false: set lossy as well')
-        is_reduced = self.range and FileNames(self.file_name).suffix not in (BAG_SUFFIX, '.npy')
-        if self.colors != COLORS[0] and not is_reduced:
+        suffix = FileNames(self.file_name).suffix
+        if self.range and suffix in (BAG_SUFFIX, '.npy'):
+            raise ParameterError(
+                f'parameter range_high is {self.range_high:g}, but {suffix} keeps all numbers: '
+                'leave the range out, or set file_name to a name such as depth.mp4')
+        if self.colors != COLORS[0] and not self.range:
             raise ParameterError(
                 f'parameter colors is {self.colors}, but has an effect with lossy and a range in '
                 'pictures and videos only: set lossy, range_high, and file_name to a name with '
@@ -158,7 +162,7 @@ class RecorderSettings(NodeSettings):
         try:
             if self.range:
                 check_range(self.range_low, self.range_high, 'range_low', 'range_high')
-            check_limits(FileNames(self.file_name).suffix, self.limits)
+            check_limits(suffix, self.limits)
         except ValueError as err:
             raise ParameterError(str(err)) from err
 

@@ -391,12 +391,13 @@ def test_ranges_that_cannot_be_used(
 
 
 @pytest.mark.parametrize('target', ['a.npy', 'a.mcap'])
-def test_colours_of_a_target_that_keeps_numbers(
+def test_range_of_a_target_that_keeps_numbers(
         tmp_path: Path, capsys: pytest.CaptureFixture[str], target: str) -> None:
     words = 'pattern:depth:64x48', tmp_path / target, '--stop', 1, '--lossy', '--range', '0:9'
-    assert convert(*words, '--colors', 'turbo') == 2
-    assert '--colors is turbo, but has an effect with' in capsys.readouterr().err
-    assert convert(*words) == 0
+    for more in ((), ('--colors', 'turbo')):
+        assert convert(*words, *more) == 2
+        assert f'--range is 0:9, but {target[1:]} keeps all numbers' in capsys.readouterr().err
+    assert convert(*words[:4]) == 0
 
 
 # Depth in millimetres, and its colours of turbo from 300 to 5000 as they are published, in BGR.

@@ -201,8 +201,18 @@ def test_colours_change_numbers_only() -> None:
 
 def test_lossy_keeps_what_a_format_can_store() -> None:
     image = random_image('mono16')
-    settings = EncoderSettings('.png', lossy=True, limits=(0, 5))
+    settings = EncoderSettings('.png', lossy=True)
     assert encode_frame(frame_of(image, 'mono16'), settings).encoding == 'mono16'
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.tiff', '.jpg', '.bmp'])
+def test_range_makes_a_picture_to_look_at(suffix: str) -> None:
+    image = np.array([[0, 100, 200, 300, 65535]], np.uint16)
+    settings = EncoderSettings(suffix, lossy=True, limits=(100, 300), jpeg_quality=100)
+    content = encode_frame(frame_of(image, 'mono16'), settings)
+    assert content.encoding == 'mono8'
+    shown = cv2.imdecode(np.frombuffer(content.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(shown[0].astype(int), [0, 0, 128, 255, 255], atol=2)
 
 
 def test_all_formats_are_tested() -> None:
