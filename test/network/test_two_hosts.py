@@ -146,6 +146,25 @@ def test_video_is_preferred_on_another_host(
     assert re.search(r' 0 dropped, 0 failed, \d+ lost in transit', subscriber.output)
 
 
+def test_compressed_depth_is_preferred_on_another_host(
+        hosts: Hosts, start: Start, tmp_path: Path, tell: Tell) -> None:
+    near, far = hosts
+    start('img_publisher', within=near.within, source='pattern:depth:640x480@30', encoding="''",
+          publish_rate=0.0, depth_format='rvl')
+    subscriber = start('img_subscriber', within=far.within, output_dir=tmp_path / 'out')
+    subscriber.wait_for('Receiving /video_frames/compressedDepth (sensor_msgs/msg/')
+    written, sent = len(recorded_files(tmp_path / 'out')), near.sent_bytes()
+    subscriber.wait_until(lambda _: len(recorded_files(tmp_path / 'out')) > written + 60)
+    sent = near.sent_bytes() - sent
+    subscriber.interrupt()
+    assert subscriber.finish() == 0, subscriber.output
+    tell(f'depth 640x480 at 30 Hz: {sent / 60e3:.1f} kB for each of 60 frames')
+    assert sent < 60 * 640 * 480 * 2
+    depth = cv2.imread(str(recorded_files(tmp_path / 'out')[-1]), cv2.IMREAD_UNCHANGED)
+    assert depth.dtype == np.uint16 and depth.max() > 3000
+    assert re.search(r' 0 dropped, 0 failed, \d+ lost in transit', subscriber.output)
+
+
 @pytest.mark.parametrize('transport', ['video', 'compressed'])
 def test_frames_on_a_lossy_link(
         hosts: Hosts, start: Start, tmp_path: Path, tell: Tell, transport: str) -> None:
