@@ -41,6 +41,7 @@ DEPTH_CODEC, DEPTH_PIXELS, LOSSLESS = 'hevc', 'gray12le', 'lossless=1'
 KEY_INTERVAL = 2
 PRESET = 'superfast'
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
+_LEAST_PREDICTED = 64  # width in pixels
 
 
 class VideoFileWriter:
@@ -98,7 +99,9 @@ class VideoFileWriter:
                 context.pix_fmt = frame.format.name
                 context.time_base = Fraction(1, self._fps)
             frame.pts, frame.time_base = self._frames, Fraction(1, self._fps)
-            frame.pict_type = _KEY_FRAME if is_first else 0
+            # The prediction of x265 is wrong in pictures with a width of 16 or 32.
+            is_narrow = self._is_depth and frame.width < _LEAST_PREDICTED
+            frame.pict_type = _KEY_FRAME if is_first or is_narrow else 0
             self._frames += 1
             self._container.mux(self._stream.encode(frame))
         except (VideoError, av.error.FFmpegError, ValueError) as err:

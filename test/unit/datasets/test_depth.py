@@ -116,6 +116,19 @@ def test_metres_of_lerobot(tmp_path: Path, size: tuple[int, int], words: tuple[s
         assert errors.max() <= allowed
 
 
+@pytest.mark.parametrize('size', [(16, 16), (33, 32), (40, 16), (16, 63), (16, 64)])
+def test_noise_of_narrow_pictures_has_no_losses(
+        tmp_path: Path, capsys: Output, size: tuple[int, int]) -> None:
+    random = np.random.default_rng(size)
+    images = [np.where(random.random(size) < 0.5, 9000, random.integers(50, 9000, size)).astype(
+        np.uint16) for _ in range(40)]
+    folder = made(tmp_path, images)
+    feature = info_of(folder)['features'][KEY]
+    for codes, image in zip(codes_of(folder), images, strict=True):
+        assert np.abs(in_metres(codes, feature) - image / 1000).max() < 2.3e-3
+    assert main(['--check', str(folder)]) == 0, capsys.readouterr()
+
+
 @pytest.mark.parametrize(('encoding', 'codec', 'allowed'), [
     ('16UC1', '', 2.3e-3), ('mono16', '', 2.3e-3), ('32FC1', '', 2.3e-3), ('16UC1', 'png', 2.3e-3),
     ('16UC1', 'rvl', 2.3e-3), ('32FC1', 'png', 4e-3)])

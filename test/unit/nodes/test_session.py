@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from dataclasses import astuple
 from pathlib import Path
+import re
 
 from conftest import recorded_files
 from console import Console
@@ -67,11 +68,13 @@ def test_messages_after_the_maximum_duration(node: Node, tmp_path: Path) -> None
     assert ended
 
 
-@pytest.mark.parametrize(('name', 'high'), [
-    ('a.mp4', 0.0), ('a.mcap', 5000.0), ('{seq}.npy', 5000.0)])
-def test_colours_without_an_effect(name: str, high: float) -> None:
-    with pytest.raises(ParameterError, match=r'^parameter colors is turbo, but has an effect with '
-                       r'lossy and a range in pictures and videos only: set lossy, range_high'):
+@pytest.mark.parametrize(('name', 'high', 'reason'), [
+    ('a.mp4', 0.0, 'colors is turbo, but has an effect with lossy and a range in pictures and '
+                   'videos only: set lossy, range_high'),
+    ('a.mcap', 5000.0, 'range_high is 5000, but .mcap keeps all numbers: leave the range out'),
+    ('{seq}.npy', 5000.0, 'range_high is 5000, but .npy keeps all numbers: leave the range out')])
+def test_colours_without_an_effect(name: str, high: float, reason: str) -> None:
+    with pytest.raises(ParameterError, match=f'^parameter {re.escape(reason)}'):
         RecorderSettings(file_name=name, colors='turbo', lossy=True, range_high=high)
 
 
