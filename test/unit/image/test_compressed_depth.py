@@ -22,7 +22,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
-from opencv_tools.image.compressed_depth import compressed_size, DEPTH_CODECS, Quantisation
+from opencv_tools.image.compressed_depth import (
+    compressed_size, DEPTH_CODECS, Quantisation, quantisation_loss)
 from opencv_tools.image.errors import CodecError, SizeError
 from opencv_tools.image_codecs import (
     decode_compressed, decode_depth, encode_depth)
@@ -143,3 +144,15 @@ def test_hostile_size_of_rvl(size: tuple[int, int]) -> None:
     content = struct.pack('<iffII', 0, 0, 0, *size) + bytes(8)
     with pytest.raises((CodecError, SizeError)):
         decode_depth(content, '16UC1; compressedDepth rvl')
+
+
+@pytest.mark.parametrize(('depth', 'farthest', 'loss'), [
+    ([0.2, 9.9], 10.0, ''), ([0.2, 10.0], 10.0, 'depths of 10 m and more are lost'),
+    ([0.2, 3.5], 3.0, 'depths of 3 m and more are lost'),
+    ([0.0, np.nan, -np.inf, np.inf, -5.0], 10.0, ''),
+    ([0.14], 10.0, 'those below 0.15 m become 0.15 m'), ([0.155], 10.0, ''),
+    ([0.01, 11.0], 10.0,
+     'depths of 10 m and more are lost and those below 0.15 m become 0.15 m')])
+def test_loss_by_quantisation(depth: list[float], farthest: float, loss: str) -> None:
+    assert quantisation_loss(np.array([depth], np.float32), farthest) == loss
+    assert quantisation_loss(np.array([[0, 1, 65535]], np.uint16), farthest) == ''
