@@ -36,6 +36,7 @@ from opencv_tools.datasets.videos import frame_codes, frame_luma, video_frames
 
 _MAX_LEVELS = 12.0  # largest difference of the small pictures of a frame, on average
 _MAX_CODES = 0.5  # the same of depth, which has no losses
+_ROUNDING = 1.01  # of numbers with 32 bits
 _SHIFT_LEVELS = 0.5  # by which the picture of another row must fit better
 
 
@@ -59,6 +60,14 @@ class DepthFrames:
         error = float(self._codes.errors(depth, seen).max())
         self._error = max(error, self._error or 0.0)
         return self._codes.codes(depth)
+
+    @property
+    def problem(self) -> str:
+        """Sentence about an error above what the steps allow; '' without one."""
+        allowed = self._codes.largest_error
+        return '' if (self._error or 0.0) <= _ROUNDING * allowed else (
+            f'its depths differ from those of the bag by up to {METRE * (self._error or 0):.2f} '
+            f'mm, but the steps of {INFO} allow {METRE * allowed:.2f} mm')
 
     @property
     def description(self) -> str:
@@ -160,6 +169,8 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
             yield from _picture_problems(
                 found, depth.expected(wanted, found) if depth else wanted,
                 _MAX_CODES if depth else _MAX_LEVELS)
+            if depth and depth.problem:
+                yield depth.problem
 
 
 def _picture_problems(seen: NDArray[Any], expected: NDArray[Any], limit: float) -> Iterator[str]:

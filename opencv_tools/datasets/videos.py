@@ -42,6 +42,7 @@ KEY_INTERVAL = 2
 PRESET = 'superfast'
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
 _LEAST_PREDICTED = 64  # width in pixels
+_LEAST_SIDE = 16  # of depth, in pixels
 
 
 class VideoFileWriter:
@@ -88,6 +89,10 @@ class VideoFileWriter:
         :raises DatasetError: the frame cannot be encoded.
         """
         import av
+        if self._is_depth and min(image.shape) < _LEAST_SIDE:
+            raise DatasetError(
+                f'depth of {image.shape[1]}x{image.shape[0]} is too small for HEVC, which needs '
+                f'{_LEAST_SIDE} pixels a side: use --format parquet or webdataset')
         try:
             if number != self._last[0]:
                 self._last = number, (_depth_frame(image) if self._is_depth else

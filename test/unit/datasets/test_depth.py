@@ -129,6 +129,29 @@ def test_noise_of_narrow_pictures_has_no_losses(
     assert main(['--check', str(folder)]) == 0, capsys.readouterr()
 
 
+@pytest.mark.parametrize('size', [(1, 1), (15, 64), (64, 8)])
+def test_depth_too_small_for_hevc(tmp_path: Path, capsys: Output, size: tuple[int, int]) -> None:
+    write_mcap(tmp_path / 'a.mcap', with_definitions(
+        [entry(number, np.full(size, 900, np.uint16)) for number in range(3)]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 1
+    assert (f'depth of {size[1]}x{size[0]} is too small for HEVC, which needs 16 pixels a side: '
+            'use --format parquet or webdataset') in capsys.readouterr().err
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'table', *DEPTH, form='parquet') == 0
+
+
+@pytest.mark.parametrize('changed', [7.02, 7.5, 20.0])
+def test_check_of_another_range(tmp_path: Path, capsys: Output, changed: float) -> None:
+    folder = made(tmp_path, [picture(number) for number in range(4)], '--depth-range', '0:7')
+    path = folder / 'meta/info.json'
+    assert main(['--check', str(folder)]) == 0
+    info = json.loads(path.read_text())
+    info['features'][KEY]['info']['video.depth_max'] = changed
+    path.write_text(json.dumps(info))
+    capsys.readouterr()
+    assert main(['--check', str(folder)]) == 1
+    assert re.search(r'differ from (those|the pictures) of the bag', capsys.readouterr().err)
+
+
 @pytest.mark.parametrize(('encoding', 'codec', 'allowed'), [
     ('16UC1', '', 2.3e-3), ('mono16', '', 2.3e-3), ('32FC1', '', 2.3e-3), ('16UC1', 'png', 2.3e-3),
     ('16UC1', 'rvl', 2.3e-3), ('32FC1', 'png', 4e-3)])
