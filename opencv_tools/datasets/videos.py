@@ -203,9 +203,8 @@ def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
 
 def frame_luma(frame: Any) -> NDArray[np.uint8]:
     """Return the brightness of a frame of 8 bits with the range of TV, (h, w), from 0 to 255."""
-    plane = frame.planes[0]
-    rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)[:, :plane.width]
-    return np.clip((rows.astype(np.float32) - 16) * (255 / 219), 0, 255).astype(np.uint8)
+    luma = _first_plane(frame, np.uint8).astype(np.float32)
+    return np.clip((luma - 16) * (255 / 219), 0, 255).astype(np.uint8)
 
 
 def frame_codes(frame: Any) -> NDArray[np.uint16]:
@@ -216,20 +215,25 @@ def frame_codes(frame: Any) -> NDArray[np.uint16]:
     """
     import av
     try:
-        codes: NDArray[np.uint16] = frame.to_ndarray(format=DEPTH_PIXELS)
+        return _first_plane(frame.reformat(format=DEPTH_PIXELS), np.uint16).copy()
     except (av.error.FFmpegError, ValueError) as err:
         raise DatasetError(f'a frame of {frame.format.name} is no depth: {printable(err)}'
                            ) from err
-    return codes
+
+
+def _first_plane(frame: Any, kind: type[np.generic]) -> NDArray[Any]:
+    """Return the first plane of a frame as a writable view; old PyAV copies few formats."""
+    plane = frame.planes[0]
+    rows = np.frombuffer(plane, kind)  # type: ignore[call-overload]
+    view: NDArray[Any] = rows.reshape(-1, plane.line_size // rows.itemsize)
+    return view[:plane.height, :plane.width]
 
 
 def _depth_frame(codes: NDArray[np.uint16]) -> Any:
     import av
     height, width = codes.shape
     frame = av.VideoFrame(width, height, DEPTH_PIXELS)
-    plane = frame.planes[0]
-    rows = np.frombuffer(plane, np.uint16)  # type: ignore[call-overload]
-    rows.reshape(-1, plane.line_size // 2)[:height, :width] = codes
+    _first_plane(frame, np.uint16)[:] = codes
     return frame
 
 

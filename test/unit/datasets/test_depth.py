@@ -79,11 +79,18 @@ def made(folder: Path, images: list[Image], *words: object, form: str = 'lerobot
     return folder / 'set'
 
 
-def codes_of(folder: Path) -> list[Image]:
-    """Return the codes of the frames as LeRobot decodes them."""
-    with av.open(str(folder / VIDEO)) as container:
+def plane_of(frame: Any) -> Image:
+    """Return a view of the codes of a frame, as PyAV 12 has no arrays of them."""
+    plane = frame.planes[0]
+    return np.frombuffer(plane, '<u2').reshape(
+        -1, plane.line_size // 2)[:frame.height, :frame.width]
+
+
+def codes_of(folder: Path, video: str = VIDEO) -> list[Image]:
+    """Return the codes of the frames of a video as LeRobot decodes them."""
+    with av.open(str(folder / video)) as container:
         assert container.streams.video[0].codec_context.pix_fmt == 'gray12le'
-        return [frame.to_ndarray(format='gray12le') for frame in container.decode(video=0)]
+        return [plane_of(frame).copy() for frame in container.decode(video=0)]
 
 
 def in_metres(codes: Image, feature: dict[str, Any]) -> Image:
@@ -206,8 +213,7 @@ def test_depth_beside_colours_by_stamp(tmp_path: Path) -> None:
     numbers = [round((stamp - BEGAN - 2e6) * 30 / NANO) for stamp in stamps]
     assert 6 in numbers and 7 not in numbers and numbers.count(6) == 3
     key = 'observation.images.front_depth'
-    with av.open(str(tmp_path / f'set/videos/{key}/chunk-000/file-000.mp4')) as container:
-        frames = [frame.to_ndarray(format='gray12le') for frame in container.decode(video=0)]
+    frames = codes_of(tmp_path / 'set', f'videos/{key}/chunk-000/file-000.mp4')
     for number, codes in zip(numbers, frames, strict=True):
         metres = in_metres(codes, info[key])
         assert abs(metres - picture(number) / 1000)[picture(number) > 0].max() < 2.3e-3
@@ -280,7 +286,8 @@ def rewrite(folder: Path, change: Callable[[list[Image]], list[Image]], pixels: 
         stream.height, stream.width = frames[0].shape
         stream.pix_fmt = pixels
         for codes in frames:
-            frame = av.VideoFrame.from_ndarray(codes.astype(np.uint16), format='gray12le')
+            frame = av.VideoFrame(*reversed(codes.shape), 'gray12le')
+            plane_of(frame)[:] = codes
             container.mux(stream.encode(frame.reformat(format=pixels)))
         container.mux(stream.encode(None))
 
