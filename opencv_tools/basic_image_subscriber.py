@@ -132,7 +132,7 @@ class ImageSubscriber(ClosableNode):
             f'{self._progress.average_rate():.1f} Hz: '
             f'{counts.written} written to {self._session.folder}, {counts.dropped} dropped, '
             f'{counts.failed} failed, {account.lost + account.skipped} lost in transit'
-            + ('' if account.is_complete else ' since the first received frame')
+            + account.uncounted
             + (f', {counts.unprocessed} not processed' if counts.unprocessed else '')
             + (f', {counts.left_out} left out before a key frame' if counts.left_out else '')
             + (f', {counts.skipped} skipped as requested' if counts.skipped else ''))

@@ -238,8 +238,6 @@ class ImageSource:
         have_changed = publishers != self.publishers
         if have_changed:
             self.publishers = publishers
-            with self._queue.lock:
-                self._queue.order.discover(publishers)
         if offers and qos != self.qos and (are_new or any(
                 qos_mismatch(info.qos_profile, self.qos) for info in offers)):
             self._subscribe_again(self.topic, qos)
@@ -265,8 +263,6 @@ class ImageSource:
         if best == self.topic:
             return False
         self._subscribe_again(best, self._best_qos(best))
-        with self._queue.lock:
-            self._queue.order.restart()
         return True
 
     def retire_when_due(self) -> None:

@@ -16,12 +16,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from enum import auto, Enum
-import time
 from typing import NamedTuple
 
-from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import CdrError
 
 # Counts of later frames that are remembered. A publisher announces one at a change of the way.
@@ -82,12 +79,8 @@ class OnlyShared:
         self.count = max(self.count, number - message, *known)
 
 
-# A publisher that is discovered later than this after the subscription counts as new.
-_DISCOVERY_SECONDS = 2.0
 # Publishers whose numbers are remembered.
 _MAX_PUBLISHERS = 128
-# Frames from which the rate of a publisher is measured, because two may follow each other quickly.
-_MEASURED_STEPS = 30
 # A larger step of the numbers is an error of the frame, not a loss.
 _MAX_STEP = 2**32
 
@@ -126,19 +119,15 @@ class _FirstFrame(NamedTuple):
 
     number: int
     message: int
-    publish_ns: int
-    arrived: float
 
 
 class _Publisher:
     """The frames of one publisher, in the order in which it has published them."""
 
-    def __init__(self, since: float | None) -> None:
+    def __init__(self) -> None:
         self.way = Way.TOPIC
         self.is_overdue = False  # the messages before the next shared frame are lost
-        self._since = since  # time of the subscription, if the publisher was discovered later
         self._first: _FirstFrame | None = None
-        self._period: float | None = None  # in seconds, from the first frames
         self._message = self._number = 0  # of the last frame
         self._only_shared = OnlyShared()
         self._arrived = 0
@@ -149,19 +138,16 @@ class _Publisher:
         return max(self._number, self._message + self._only_shared.count)
 
     @property
-    def lost(self) -> int:
-        """Return the number of frames that were published, but neither arrived nor will arrive."""
-        begin = self._number_of(self._first) - 1 if self._first and self.is_partial else 0
-        return max(0, self.last - begin - self._arrived)
+    def before(self) -> int:
+        """Return the number of frames before the first one that arrived, as far as it is known."""
+        if self._first is None:
+            return 0
+        return (self._first.number or self._first.message + self._only_shared.before_first) - 1
 
     @property
-    def is_partial(self) -> bool:
-        """Return whether the frames before the first one that arrived are not counted."""
-        if self._first is None or (number := self._number_of(self._first)) == 1:
-            return False
-        if self._since is None or self._period is None:
-            return True
-        return self._first.arrived - (number - 1) * self._period < self._since
+    def lost(self) -> int:
+        """Return the number of frames after the first one that will not arrive any more."""
+        return max(0, self.last - self.before - self._arrived)
 
     def learn(self, messages: int, number: int) -> None:
         """Record that a number of messages are among the first frames."""
@@ -172,15 +158,14 @@ class _Publisher:
         return (self.way is Way.JOINING and not self.is_overdue and position.is_message
                 and position.message > self._message + 1)
 
-    def accepts(self, position: Position, publish_ns: int, now: float) -> bool:
+    def accepts(self, position: Position) -> bool:
         """Return whether a frame is new and arrives in the right way; if so, it is counted."""
         is_shared = position.number > 0
         if is_shared and self.way is Way.TOPIC:
             return False
         is_new = self._is_after_last(position)
         if is_shared:
-            if position.is_message:
-                self.learn(position.message - 1, position.number - 1)
+            self.learn(position.message - position.is_message, position.number - 1)
             self.learn(position.message, position.number)
             if self.way is Way.JOINING and not self._joins(position, is_new):
                 return False
@@ -193,21 +178,10 @@ class _Publisher:
             self._number = max(self._number, position.number)
             self._arrived += 1
             self._only_shared.advance(position.message, position.number)
-            self._measure(position, publish_ns, now)
+            if self._first is None:
+                self._first = _FirstFrame(
+                    self.last if position.number else 0, position.message)
         return is_new
-
-    def _number_of(self, first: _FirstFrame) -> int:
-        """Return the number of the first frame that arrived, as far as it is known."""
-        return first.number or first.message + self._only_shared.before_first
-
-    def _measure(self, position: Position, publish_ns: int, now: float) -> None:
-        """Remember the first frame, and the period until the next one."""
-        if self._first is None:
-            self._first = _FirstFrame(
-                self.last if position.number else 0, position.message, publish_ns, now)
-        elif publish_ns and (
-                0 < (steps := self.last - self._number_of(self._first)) <= _MEASURED_STEPS):
-            self._period = (publish_ns - self._first.publish_ns) / steps / NANO
 
     def _is_after_last(self, position: Position) -> bool:
         steps = position.message - self._message, position.number - self._number
@@ -234,29 +208,17 @@ class FrameOrder:
     """
     Recognise repeated frames and count lost ones, by the numbers that the publishers give.
 
-    The frames of a publisher that started after the subscription are counted from number 1. Those
-    of other publishers are counted from the first that arrived. Frames lost after the last one
-    that arrived are not counted.
-
-    A publisher started after the subscription if it was discovered later, and if the time since
-    the subscription is too short for all its frames at the rate of the first ones.
+    Frames between the first and the last one that arrived from a publisher are lost if they did
+    not arrive. Those before the first one were sent before the subscription, or are lost; nothing
+    tells which. They have a count of their own.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """
-        Create a counter.
-
-        :param clock: monotonic clock in seconds.
-        """
-        self._clock = clock
+    def __init__(self) -> None:
         self._publishers: dict[bytes, _Publisher] = {}
-        self._discovered: dict[bytes, float] = {}
-        self._forgotten = 0  # lost frames of publishers that are not remembered
+        self._forgotten = self._before = 0  # of publishers that are not remembered
         self._unnumbered = self._failed = 0  # messages without a number, before and in a gap
-        self._is_partial = False
         #: Number of accepted frames by publisher; b'' for those without a number.
         self.accepted: dict[bytes, int] = {}
-        self.restart()
 
     @property
     def count(self) -> int:
@@ -265,22 +227,19 @@ class FrameOrder:
                 + sum(found.lost for found in self._publishers.values()))
 
     @property
-    def is_complete(self) -> bool:
-        """Whether the frames of every publisher are counted from number 1."""
-        return not (self._is_partial or any(
-            found.is_partial for found in self._publishers.values()))
+    def before(self) -> int:
+        """Return the number of frames of all publishers before their first ones that arrived."""
+        return self._before + sum(found.before for found in self._publishers.values())
 
-    def restart(self) -> None:
-        """Record the start of a subscription to another topic."""
-        self._restarted_at = self._clock()
+    def uncounted(self, noun: str) -> str:
+        """
+        Return what ``count`` does not have, as text that begins with a comma; '' for nothing.
 
-    def discover(self, publishers: Iterable[bytes]) -> None:
-        """Record the discovery of publishers."""
-        now = self._clock()
-        for publisher in publishers:
-            self._discovered.setdefault(publisher, now)
-        while len(self._discovered) > _MAX_PUBLISHERS:
-            del self._discovered[next(iter(self._discovered))]
+        :param noun: what the messages are, ``'frame'`` or ``'message'``.
+        """
+        unnumbered = self.accepted.get(b'', 0)
+        return ((f', {self.before} sent before the first received {noun}' if self.before else '')
+                + (f', {unnumbered} without a number' if unnumbered else ''))
 
     def way(self, publisher: bytes) -> Way:
         """Return how the frames of a publisher arrive."""
@@ -305,21 +264,19 @@ class FrameOrder:
         """Record that a number of messages are among the first frames of a publisher."""
         self._find(publisher).learn(messages, number)
 
-    def accepts(self, publisher: bytes, position: Position, publish_ns: int) -> bool:
+    def accepts(self, publisher: bytes, position: Position) -> bool:
         """
         Return whether a frame is to be passed on; if so, it counts as arrived.
 
         :param position: its place; without any number the frame is always new.
-        :param publish_ns: time of publication in nanoseconds of the publisher; 0 if unknown.
         :raises CdrError: the numbers are too far from those of the last frame.
         """
         if not (position.message or position.number):
-            self._is_partial = True
             self.accepted[b''] = self.accepted.get(b'', 0) + 1
             return True
         found = self._find(publisher)
         before = found.lost
-        if not found.accepts(position, publish_ns, self._clock()):
+        if not found.accepts(position):
             return False
         failed = min(self._unnumbered, max(0, found.lost - before))
         self._unnumbered -= failed
@@ -333,14 +290,11 @@ class FrameOrder:
 
     def _find(self, publisher: bytes) -> _Publisher:
         if publisher not in self._publishers:
-            now = self._clock()
-            is_new = (self._discovered.get(publisher, now) - self._restarted_at
-                      >= _DISCOVERY_SECONDS)
-            self._publishers[publisher] = _Publisher(self._restarted_at if is_new else None)
+            self._publishers[publisher] = _Publisher()
             if len(self._publishers) > _MAX_PUBLISHERS:
                 oldest = next(iter(self._publishers))
                 forgotten = self._publishers.pop(oldest)
                 self.accepted.pop(oldest, None)
                 self._forgotten += forgotten.lost
-                self._is_partial |= forgotten.is_partial
+                self._before += forgotten.before
         return self._publishers[publisher]

@@ -165,7 +165,7 @@ class FrameQueue:
             try:
                 if position is None:
                     self._order.add_unnumbered()
-                elif not self._order.accepts(publisher, position, _publish_ns(frame)):
+                elif not self._order.accepts(publisher, position):
                     return self._order.way(publisher)
             except CdrError as err:
                 frame = err.with_traceback(None)  # which would keep the frame in memory
@@ -183,7 +183,7 @@ class FrameQueue:
         with self.lock, suppress(CdrError):  # the next frame has the same error
             if position is None:
                 self._order.add_unnumbered()
-            elif not self._order.accepts(publisher, position, 0):
+            elif not self._order.accepts(publisher, position):
                 return
             self.left_out += 1
             self.waits_for_key_frame = True
@@ -250,7 +250,3 @@ class FrameQueue:
         while len(frames) > most:
             frames.popleft()
             self.skipped += 1
-
-
-def _publish_ns(frame: QueuedFrame) -> int:
-    return frame.publish_ns if isinstance(frame, ReceivedMessage) else 0

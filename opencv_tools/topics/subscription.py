@@ -232,13 +232,12 @@ class Account(NamedTuple):
 
     :param skipped: number of frames that newer ones have replaced before they were passed on.
     :param lost: number of frames that did not arrive, or whose video needs one that did not.
-    :param is_complete: whether ``lost`` counts all frames of each publisher, not only those after
-        the first one that arrived.
+    :param uncounted: what the numbers do not have, see `FrameOrder.uncounted`.
     """
 
     skipped: int
     lost: int
-    is_complete: bool
+    uncounted: str
 
 
 class InfoReader:
@@ -368,7 +367,7 @@ class FrameSubscription:
         with self._queue.lock:
             order = self._queue.order
             return Account(self._queue.skipped, order.count + self._queue.left_out,
-                           order.is_complete)
+                           order.uncounted('frame'))
 
     @property
     def is_latched(self) -> bool:

@@ -32,7 +32,7 @@ from opencv_tools.transport.shared_frames.memory import process_memory
 from pair_cases import Case, LOSSY
 
 _IDLE_TICKS = 5
-_SLOW_SCALE = 5  # of pictures that take longer to encode than the camera needs for the next one
+_SLOW_SCALE = 3  # of pictures that take longer to encode than the camera needs for the next one
 _SUMMARY = re.compile(
     r'Received (\d+) frames at .*: (\d+) written to .*, (\d+) dropped, (\d+) failed, '
     r'(\d+) lost in transit( since the first received frame)?(.*)')

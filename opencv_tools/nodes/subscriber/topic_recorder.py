@@ -72,7 +72,7 @@ class RecordedTopic:
         kind = f' ({self.channel.type_name})' if with_type else ''
         return (f'{self.channel.topic}{kind}: {self.received} messages received, {self.written} '
                 f'written{self._unwritten("dropped", "failed")}, {self.order.count} lost in '
-                'transit' + ('' if self.order.is_complete else ' since the first received message')
+                f'transit{self.order.uncounted("message")}'
                 + self._unwritten('not processed', 'skipped'))
 
     def _unwritten(self, *names: str) -> str:
@@ -154,8 +154,7 @@ class MessageBatches:
             return False
         data, info = taken
         try:
-            if not topic.order.accepts(
-                    bytes(info.publisher), Position(info.number), info.source_timestamp):
+            if not topic.order.accepts(bytes(info.publisher), Position(info.number)):
                 return True  # a latched message comes again after a new subscription
         except CdrError as err:
             self._log.warning(f'{topic.channel.topic}: {err}', every=_WARNING_SECONDS,
@@ -345,7 +344,6 @@ class TopicRecorder:
             del self._topics[topic.channel.topic]
             return
         _warn_of_types(self._log, topic.channel, found)
-        topic.order.discover(_identifiers(publishers))
         if publishers:
             self._subscribe(topic, publishers)
         topic.publishers = identifiers
@@ -395,7 +393,6 @@ class TopicRecorder:
             qos=offered_qos_text(map(offered_qos, publishers[:_MAX_PUBLISHERS]))))
         topic.message_class = message_type(definition.name, definition.text)
         topic.publishers = frozenset()
-        topic.order.restart()
         self._follow(topic, publishers)
         self._topics[name] = self._accounts[key] = topic
         self._log.info(f'Recording {name} ({definition.name})')

@@ -72,17 +72,18 @@ class OverlayTopics:
         """
         name, type_name = key
         is_calibration = type_name == CALIBRATION
+        published = {*self._published(type_name)}
         if is_calibration:
-            name = camera_info_topic(name, self._node.count_publishers)
-        offers = self._offers(name, type_name)
-        if key in self._open and offers:
+            name = camera_info_topic(name, published.__contains__)
+        if key in self._open and name in published:
             return
         self.close(key)
-        if name not in self._published(type_name):
+        if name not in published:
             raise RequestError(f'{printable(name)} is not a published topic of {type_name}', 404)
         depth, seconds = (1, _CALIBRATION_SECONDS) if is_calibration else (_DEPTH, _SECONDS)
         reader = MessageReader(
-            self._node, message_type(type_name), name, following_qos(offers, depth))
+            self._node, message_type(type_name), name,
+            following_qos(self._offers(name, type_name), depth))
 
         def look() -> None:
             taken: list[Any] = []
