@@ -125,8 +125,6 @@ def open_stream(url: str, timeout: float) -> AvStream | None:
         av = import_av()
     except VideoError:
         return None
-    if av.logging.get_level() is not None:  # PyAV before 14 writes the log of FFmpeg to stderr
-        av.logging.set_level(av.logging.PANIC)
     pairs = (pair.partition(';') for pair in os.environ.get(_VARIABLE, _DEFAULT).split('|'))
     try:
         container = av.open(url, options={name: value for name, _, value in pairs if name},

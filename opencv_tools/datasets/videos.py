@@ -31,6 +31,7 @@ from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.video.writer import check_video, to_video_frame
+from opencv_tools.video.settings import import_av
 
 # PyAV is imported in functions, because the import is slow.
 
@@ -187,7 +188,7 @@ def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
 
     :raises DatasetError: the file is no video, or is damaged.
     """
-    import av
+    av = import_av()
     try:
         os.close(open_regular(path))  # FFmpeg would wait for a pipe
         with av.open(str(path)) as container:

@@ -213,7 +213,7 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
 
 def import_av() -> Any:
     """
-    Import PyAV.
+    Import PyAV, without the log of FFmpeg.
 
     :raises VideoError: PyAV cannot be imported; the message includes the remedy.
     """
@@ -222,4 +222,8 @@ def import_av() -> Any:
     except ImportError as err:
         raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
                          f'{installation("av")}') from err
+    # PyAV before 14 passes it on to Python. A thread of FFmpeg that logs waits for the one that
+    # closes its file, and that one for the thread.
+    if av.logging.get_level() is not None:
+        av.logging.set_level(av.logging.PANIC)
     return av
