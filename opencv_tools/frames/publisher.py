@@ -112,6 +112,11 @@ class FramePublisher:
         """Return the number of images that were sent in no form that had subscribers."""
         return self._unfit
 
+    @property
+    def sent(self) -> dict[str, int]:
+        """Return the number of images by topic, see `FrameTopics.sent`."""
+        return self._topics.sent
+
     def publish(
         self, image: NDArray[np.generic], source: Frame | Header | None = None, *,
         encoding: str = '',

@@ -66,6 +66,8 @@ class CompressedTopic:
         self._lock = Lock()
         self._without = _MAX_WITHOUT - 1  # the first frame decides alone
         self._publisher: Publisher | None = None
+        #: Number of images that were published.
+        self.sent = 0
         #: Name of the topic after remapping.
         self.topic_name = node.resolve_topic_name(self._given_name)
         #: Quality of service of the publisher.
@@ -127,6 +129,7 @@ class CompressedTopic:
         with self._lock:
             if self._publisher:  # another thread may publish other frames
                 self._publisher.publish(message)
+                self.sent += 1
             return self._publisher is not None
 
     def wait_for_all_acked(self, timeout: Duration) -> bool:

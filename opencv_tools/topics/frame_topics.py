@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, TYPE_CHECKING
 
 from opencv_tools.base.logs import Log
@@ -69,6 +69,8 @@ class VideoTopics:
         #: The encoded video. Its settings may be changed.
         self.stream = VideoStream(settings)
         self._number = 0
+        #: Number of published messages by topic.
+        self.sent: Counter[str] = Counter()
         events = PublisherEventCallbacks(matched=self._count_new)
         #: Publishers of each type.
         self.publishers: dict[str, Publisher] = {
@@ -105,6 +107,7 @@ class VideoTopics:
         self._number += 1
         for type_name, publisher in used.items():
             publisher.publish(video_to_cdr(type_name, header, packet, self._number))
+            self.sent[publisher.topic_name] += 1
         return [*used.values()]
 
     def destroy(self) -> None:
@@ -121,6 +124,16 @@ class VideoTopics:
 _PARTICIPANT_BYTES = 12  # of the identifier of an endpoint, see section 8.2.4 of DDSI-RTPS
 #: Lends shared memory for a number of bytes, if it has readers.
 Lend = Callable[[int], Slot | None]
+
+
+def describe_partly_sent(counts: Mapping[str, int], sent: int) -> str:
+    """
+    Return on which topics fewer frames were published, as text that begins with a comma.
+
+    :param counts: number of frames by topic.
+    :param sent: number of frames that were published on any topic.
+    """
+    return ''.join(f', {count} on {name}' for name, count in counts.items() if 0 < count < sent)
 
 
 class FrameTopics:
@@ -178,6 +191,19 @@ class FrameTopics:
         return int(self.images.get_subscription_count() + video
                    + self.compressed.count_subscribers() + self.depth.count_subscribers()
                    + (shared - raw).total())
+
+    @property
+    def sent(self) -> dict[str, int]:
+        """
+        Return the number of frames by topic.
+
+        Those of the image topic are only the messages, while it has subscribers that do not share.
+        """
+        return {
+            self.images.topic_name: self.shared.messages if (
+                self.images.get_subscription_count()) else self.shared.frames,
+            **{topic.topic_name: topic.sent for topic in (self.compressed, self.depth)},
+            **(self.video.sent if self.video else {})}
 
     def publish_raw(
         self, make: Callable[[Lend], tuple[WireImage, Slot | None]],

@@ -35,7 +35,7 @@ _IDLE_TICKS = 5
 _SLOW_SCALE = 3  # of pictures that take longer to encode than the camera needs for the next one
 _SUMMARY = re.compile(
     r'Received (\d+) frames at .*: (\d+) written to .*, (\d+) dropped, (\d+) failed, '
-    r'(\d+) lost in transit( since the first received frame)?(.*)')
+    r'(\d+) lost in transit(?:, (\d+) sent before the first received frame)?(.*)')
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Counts:
 
     :param received: number of frames.
     :param missing: number of lost, skipped and replaced frames.
-    :param is_complete: whether frames are counted from number 1; None if it does not tell.
+    :param before: number of frames before the first received ones; None if it does not tell.
     """
 
     received: int
     missing: int
-    is_complete: bool | None
+    before: int | None
 
 
 class Publisher(Child):
@@ -230,7 +230,7 @@ class Recorder(Child):
         assert received == written + dropped
         assert written == len(self.numbers())
         assert self._case.receiver == 'drop' or dropped == 0
-        return Counts(received, lost, is_complete=found[6] is None)
+        return Counts(received, lost, int(found[6] or 0))
 
     def assert_callback(self) -> None:
         """Do nothing: there is no callback of a user."""

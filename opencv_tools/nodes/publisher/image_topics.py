@@ -165,6 +165,11 @@ class ImageTopics:
         return is_published
 
     @property
+    def sent(self) -> dict[str, int]:
+        """Return the number of frames by topic, see `FrameTopics.sent`."""
+        return {name: count for topics in self._all for name, count in topics.frames.sent.items()}
+
+    @property
     def needs_key_frame(self) -> bool:
         """Whether a subscriber waits for a key frame of a camera that encodes its video."""
         return any(topics.needs_key_frame for topics in self._all)

@@ -41,6 +41,7 @@ from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.publisher.topic_player import differences, TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.frame_topics import describe_partly_sent
 from opencv_tools.topics.timers import Delay
 from rclpy.node import Node
 from std_srvs.srv import SetBool
@@ -193,11 +194,13 @@ class PublishLoop:
         if may_wait and self._unseen:
             unseen += ' (wait_for_subscribers:=1 waits for the first one)'
         unfit = (f', {self._unfit} in no form that its subscribers receive' if self._unfit else '')
+        partly = describe_partly_sent(
+            self._topics.sent, self._progress.count - self._unseen - self._unfit)
         others = (f'; {self._topic_player.count} messages of other topics'
                   if self._topic_player else '')
         return (f'Published {self._progress.count} frames at '
                 f'{self._progress.average_rate():.1f} Hz, {self._events.dropped} dropped'
-                f'{missed}{unseen}{unfit}{others}')
+                f'{missed}{unseen}{unfit}{partly}{others}')
 
     def check_changes(self, changes: dict[str, Any]) -> None:
         """

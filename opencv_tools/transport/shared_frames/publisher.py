@@ -77,7 +77,8 @@ class SharedFramePublisher:
         self._writer: FrameWriter | None = None
         self._is_announced = False
         self._next_check = 0.0
-        self._frames = self._messages = 0  # published in any way, and on the image topic
+        #: Number of frames published in any way, and on the image topic.
+        self.frames = self.messages = 0
         self._announced_only_shared = 0
         self._publisher = zero_copy.publisher_id(images.handle)
         self._identity = publisher_identity(self._publisher, images.topic_name)
@@ -130,12 +131,12 @@ class SharedFramePublisher:
         """
         with self._lock:
             is_message = self._share(image, is_message, slot)
-            if is_message and self._frames - self._messages != self._announced_only_shared:
+            if is_message and self.frames - self.messages != self._announced_only_shared:
                 self._announce(self._writer.service if self._writer and self._is_announced else '')
-            self._frames += 1
+            self.frames += 1
             if is_message:
                 publish_image(self._images.handle, image)
-                self._messages += 1
+                self.messages += 1
             return is_message
 
     def destroy(self) -> None:
@@ -220,7 +221,7 @@ class SharedFramePublisher:
         """
         header = image.header
         fields = FrameHeader(
-            number=self._frames + 1, message=self._messages + is_message, is_message=is_message,
+            number=self.frames + 1, message=self.messages + is_message, is_message=is_message,
             publish_ns=time.time_ns(), sec=header.sec, nanosec=header.nanosec,
             height=image.height, width=image.width, step=image.step,
             is_bigendian=image.is_bigendian)
@@ -239,6 +240,6 @@ class SharedFramePublisher:
     def _announce(self, service: str) -> None:
         if self._announcements is not None:
             self._is_announced = bool(service)
-            self._announced_only_shared = self._frames - self._messages
+            self._announced_only_shared = self.frames - self.messages
             self._announcements.publish(String(data=announce(
-                service, self._publisher.hex(), self._frames, self._messages).to_text()))
+                service, self._publisher.hex(), self.frames, self.messages).to_text()))

@@ -296,13 +296,13 @@ def test_memory_without_room(camera: Camera, monkeypatch: pytest.MonkeyPatch) ->
     def refuse(*_: object) -> None:
         raise SharedMemoryError('/dev/shm has 0 bytes free')
 
-    published = camera.publisher._topics.shared._frames
+    published = camera.publisher._topics.shared.frames
     with monkeypatch.context() as patch:
         patch.setattr(FrameMemory, 'check_room', refuse)
         with camera.loan(1080, 1920, 'bgr8') as loan:
             assert not is_shared(loan)
             loan.image[:] = 1
-    assert camera.publisher._topics.shared._frames == published + 1
+    assert camera.publisher._topics.shared.frames == published + 1
 
 
 @pytest.mark.parametrize(('arguments', 'error', 'text'), [

@@ -20,7 +20,6 @@ from collections.abc import Callable, Iterator
 
 from opencv_tools.base.logs import Log
 from opencv_tools.topics.image_source import ImageSource
-from opencv_tools.topics.order import FrameOrder
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.topics.topic_discovery import TopicDiscovery
 from opencv_tools.transport.zero_copy import publisher_id
@@ -28,7 +27,7 @@ import pytest
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import CompressedImage, Image
+from sensor_msgs.msg import Image
 from waiting import wait_until
 
 TOPIC = '/video_frames'
@@ -89,19 +88,3 @@ def test_waiting_messages(
     assert receiver.pop_all() == [1, 2, 3]
     sender = publisher_id(publisher.handle)
     assert receiver.before == [(sender, 0), (sender, 1), (sender, 2)]
-
-
-def test_publisher_that_is_older_than_the_change_of_the_topic(
-        receiver: Receiver, camera: Node, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 0.0
-    monkeypatch.setattr(receiver.queue, '_order', FrameOrder(lambda: now))
-    publisher = camera.create_publisher(CompressedImage, f'{TOPIC}/compressed', 10)
-    publish(publisher, *range(20))
-    now = 1000.0
-    wait_until(receiver.source.choose_topic, 'the change of the topic')
-    assert receiver.source.adapt()
-    receiver.match(publisher)
-    publish(publisher, 20, 21)
-    receiver.source.drain()
-    assert receiver.pop_all() == [20, 21]
-    assert (receiver.queue.order.count, receiver.queue.order.is_complete) == (0, False)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 
 from hypothesis import given, settings, strategies
 from opencv_tools.image.errors import CdrError
@@ -51,7 +50,8 @@ def test_count_from_the_first_frame(
     assert before + len(numbers) + lost == numbers[-1]
 
 
-@pytest.mark.parametrize(('messages', 'frames', 'before'), [(3, 3, 3), (3, 8, 8), (3, 10**8, 10**8)])
+@pytest.mark.parametrize(('messages', 'frames', 'before'), [
+    (3, 3, 3), (3, 8, 8), (3, 10**8, 10**8)])
 def test_frames_before_the_first_message_that_are_learned_later(
         messages: int, frames: int, before: int) -> None:
     order = FrameOrder()

@@ -16,16 +16,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
 from queue import Queue
 from threading import Thread
 
 from builtin_interfaces.msg import Time
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.image.errors import CdrError
-from opencv_tools.topics import queue as queue_module
-from opencv_tools.topics.order import FrameOrder, Position, Way
+from opencv_tools.topics.order import Position, Way
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.video.messages import FFMPEG_PACKET, WireVideo
 import pytest
@@ -165,41 +162,6 @@ def test_video_whose_number_jumps_is_in_no_count() -> None:
     put(queue, 1)
     queue.leave_out(PUBLISHER, Position(2**40))
     assert (queue.left_out, queue.waits_for_key_frame, queue.order.count) == (0, False, 0)
-
-
-def leave_out(queue: FrameQueue, position: Position) -> None:
-    queue.leave_out(PUBLISHER, position)
-
-
-def put_error(queue: FrameQueue, position: Position) -> None:
-    queue.put(CdrError('broken'), PUBLISHER, position)
-
-
-@pytest.mark.parametrize('add', [leave_out, put_error])
-def test_unknown_time_of_publication_is_no_rate(
-        add: Callable[[FrameQueue, Position], None], monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 0.0
-    monkeypatch.setattr(queue_module, 'FrameOrder', lambda: FrameOrder(lambda: now))
-    queue = FrameQueue(9)
-    now = 10.0
-    queue.order.discover([PUBLISHER])
-    put(queue, 1000)  # of a publisher that may have started before the subscription
-    add(queue, Position(1001))
-    assert (queue.order.count, queue.order.is_complete) == (0, False)
-
-
-@pytest.mark.parametrize(('publish_ns', 'is_complete'), [(0, False), (10**9, True)])
-def test_time_of_publication_gives_a_rate(
-        publish_ns: int, is_complete: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = 0.0
-    monkeypatch.setattr(queue_module, 'FrameOrder', lambda: FrameOrder(lambda: now))
-    queue = FrameQueue(9)
-    now = 10.0
-    queue.order.discover([PUBLISHER])
-    for number in (3, 4):  # a second apart, so that the first one is younger than the queue
-        queue.put(replace(frame(number), publish_ns=publish_ns * number), PUBLISHER,
-                  Position(number))
-    assert queue.order.is_complete == is_complete
 
 
 def test_way_of_the_publisher_is_returned() -> None:

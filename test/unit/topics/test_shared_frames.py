@@ -192,18 +192,18 @@ def test_publisher_that_is_not_shared_any_more_while_it_joins(
 def test_announcement_of_a_publisher_that_is_found_later(
         receiver: Receiver, publisher: Publisher, is_message_first: bool) -> None:
     def accept() -> None:
-        assert receiver.queue.order.accepts(publisher.identifier, Position(1), 0)
+        assert receiver.queue.order.accepts(publisher.identifier, Position(1))
 
     publisher.share(frames=14)
     receiver.read(publisher)
     receiver.shared.update(frozenset())
     if is_message_first:
         accept()
-        assert receiver.queue.order.is_complete
+        assert receiver.queue.order.before == 0
     receiver.shared.update({publisher.identifier})
     if not is_message_first:
         accept()
-    assert not receiver.queue.order.is_complete  # as message 1 is frame 15
+    assert receiver.queue.order.before == 14
     assert receiver.queue.order.count == 0
 
 

@@ -19,12 +19,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 import gc
 import json
-import math
 from threading import Event
 
 from conftest import spin_until
 from opencv_tools.frames import Frame, FrameSubscriber
-from opencv_tools.topics import order, shared_frames, shared_source
+from opencv_tools.topics import shared_frames, shared_source
 from opencv_tools.topics.order import Way
 from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.topics.shared_source import Origin, SharedSource, WriterEndedError
@@ -399,11 +398,8 @@ def test_more_readers_than_a_service_has(
     assert capfd.readouterr().err.count(reason) == 1
 
 
-@pytest.mark.parametrize('least_seconds', [0.0, math.inf])
 def test_count_after_frames_that_were_only_shared(
-        view: Callable[..., Viewer], camera: Node, monkeypatch: pytest.MonkeyPatch,
-        least_seconds: float) -> None:
-    monkeypatch.setattr(order, '_DISCOVERY_SECONDS', least_seconds)
+        view: Callable[..., Viewer], camera: Node) -> None:
     early = view(transport='shm')
     ours = Camera(camera)
     spin_until(early.node, lambda: ours.frames.has_subscribers)
@@ -423,9 +419,8 @@ def test_count_after_frames_that_were_only_shared(
         ours.send()
     spin_until(late.node, lambda: late.received(ours) == 10)
     account = late.subscription.account
-    # A publisher that counts as new is counted from its first frame.
-    assert account.lost == (before if account.is_complete else 0)
-    assert account.is_complete <= (least_seconds == 0.0)
+    assert account.lost == 0
+    assert account.uncounted == f', {before} sent before the first received frame'
 
 
 def test_waiting_messages_precede_the_next_shared_frame(
