@@ -197,11 +197,11 @@ class FrameTopics:
         """
         Return the number of frames by topic.
 
-        Those of the image topic are only the messages, while it has subscribers that do not share.
+        Those of the image topic are the messages alone, if the last frame was one.
         """
         return {
             self.images.topic_name: self.shared.messages if (
-                self.images.get_subscription_count()) else self.shared.frames,
+                self.shared.was_message) else self.shared.frames,
             **{topic.topic_name: topic.sent for topic in (self.compressed, self.depth)},
             **(self.video.sent if self.video else {})}
 

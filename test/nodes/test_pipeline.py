@@ -19,11 +19,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 import re
+import signal
 
-from conftest import CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_pictures
+from conftest import (
+    CLIP, CLIP_FRAMES, decode_clip, NodeProcess, read_pictures, recorded_files)
 from images import draw_pattern, find_numbers
 import numpy as np
+from opencv_tools.frames import FramePublisher
 import pytest
+from rclpy.node import Node
+from std_msgs.msg import Header
+from waiting import pause, wait_until
 
 Start = Callable[..., NodeProcess]
 RELIABILITY = 'qos_overrides./video_frames.publisher.reliability'
@@ -142,3 +148,52 @@ def test_frame_unsupported_by_the_format(
     assert 'a mono16 frame cannot be stored as .jpg; set the extension of file_name to .png' in (
         subscriber.output)
     assert not list((tmp_path / 'out').iterdir())
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('is_killed', [False, True])
+@pytest.mark.parametrize(('ways', 'topic'), [
+    (('raw', 'compressed'), '/compressed'), (('compressed', 'raw'), ''), (('raw', 'raw'), ''),
+    (('compressed', 'compressed'), '/compressed'), (('shm', 'raw'), ''), (('raw', 'auto'), '')])
+def test_account_of_a_recorder_beside_another(
+        start: Start, node: Node, tmp_path: Path, ways: tuple[str, str], topic: str,
+        is_killed: bool) -> None:
+    publisher = FramePublisher(node, 'video_frames')
+
+    def record(name: str) -> NodeProcess:
+        """Start a recorder, and publish until it has received frames."""
+        recorder = start('img_subscriber', output_dir=tmp_path / name, transport=ways[name == 'b'],
+                         on_overflow='block', file_name='f{frame_id}.png')
+        recorder.wait_for('Waiting for')
+        wait_until(lambda: send() and 'Receiving video frame' in recorder.output)
+        return recorder
+
+    def send() -> int:
+        sent.append(len(sent))
+        publisher.publish(draw_pattern(len(sent), 64, 48), Header(frame_id=f'{len(sent):06d}'))
+        pause(0.01)
+        return len(sent)
+
+    sent: list[int] = []
+    first = record('a')
+    for _ in range(17):
+        send()
+    if is_killed:
+        first.interrupt(signal.SIGKILL)
+        first.finish()
+    second = record('b')
+    for _ in range(23):
+        send()
+    wait_until((tmp_path / f'b/f{len(sent):06d}.png').exists)
+    second.interrupt()
+    assert second.finish() == 0, second.output
+    numbers = [int(path.stem[1:]) for path in recorded_files(tmp_path / 'b')]
+    received, lost, before = map(int, re.search(
+        r'Received (\d+) .* (\d+) lost in transit(?:, (\d+) sent before the first)?',
+        second.output).groups('0'))
+    assert received == len(numbers)
+    assert received + lost == len(sent) - numbers[0] + 1
+    # What was not on the topic of the second recorder is in the numbers of the publisher.
+    on_topic = publisher.sent[f'/video_frames{topic}']
+    assert before + received + lost == on_topic, (second.output, publisher.sent)
+    assert on_topic <= len(sent) - publisher.without_subscribers

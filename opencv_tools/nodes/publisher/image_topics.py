@@ -78,8 +78,8 @@ class ImageTopics:
         self._camera = self._create(topic, f'{self._folder}/camera_info')
         self._topics = self._camera.frames
         self.images = self._topics.images
-        # Topics of the raw images, and those of the rectified ones.
-        self._all: tuple[OutputTopics, ...] = (self._camera,)
+        #: Topics of the raw images, and those of the rectified ones.
+        self.outputs: tuple[OutputTopics, ...] = (self._camera,)
         self._rectifies = False
         self._rectifier = Rectifier()
         self._failure = ''  # why no rectified image is published, as logged
@@ -98,22 +98,22 @@ class ImageTopics:
             return
         self._rectifies = is_wanted
         self._failure = ''
-        for topics in self._all[1:]:
+        for topics in self.outputs[1:]:
             topics.destroy()
-        self._all = (self._camera,)
+        self.outputs = (self._camera,)
         if is_wanted:
             topic = f'{self._folder}/{_RECTIFIED}'
             name = resolve_topic(self._node, topic)
             if name == self._name:
                 raise ParameterError(f'parameter rectify is true, but {name} is the topic of the '
                                      'images: remap one of the two topics')
-            self._all = self._camera, self._create(topic, f'{name}/camera_info')
+            self.outputs = self._camera, self._create(topic, f'{name}/camera_info')
 
     def may_publish(self) -> bool:
         """Return whether the awaited subscribers have come; later they may leave again."""
         if self.awaited:
             now = time.monotonic()
-            count = sum(topics.frames.count_subscribers() for topics in self._all)
+            count = sum(topics.frames.count_subscribers() for topics in self.outputs)
             # A subscriber may be in the graph, but not be connected yet.
             if count < self.awaited or not self.has_subscribers():
                 self._settled_at = 0.0
@@ -130,7 +130,7 @@ class ImageTopics:
         :param of_frames: whether to ask for topics of images and video only, not of calibration.
         """
         return any((topics.frames if of_frames else topics).has_subscribers
-                   for topics in self._all)
+                   for topics in self.outputs)
 
     def publish(
         self, output: OutputImage, stamp: Time, frame_id: str, *, is_live: bool,
@@ -148,7 +148,7 @@ class ImageTopics:
         header = WireHeader(stamp.sec, stamp.nanosec, frame_id)
         info = cache(lambda: self._camera_info(output, Header(stamp=stamp, frame_id=frame_id)))
         if not output.frame.is_due:
-            needs_image = any(topics.frames.has_subscribers for topics in self._all[1:])
+            needs_image = any(topics.frames.has_subscribers for topics in self.outputs[1:])
             return self._camera.pass_on(output, header, needs_image)
         failure: ImageError | None = None
         is_published = False
@@ -165,24 +165,19 @@ class ImageTopics:
         return is_published
 
     @property
-    def sent(self) -> dict[str, int]:
-        """Return the number of frames by topic, see `FrameTopics.sent`."""
-        return {name: count for topics in self._all for name, count in topics.frames.sent.items()}
-
-    @property
     def needs_key_frame(self) -> bool:
         """Whether a subscriber waits for a key frame of a camera that encodes its video."""
-        return any(topics.needs_key_frame for topics in self._all)
+        return any(topics.needs_key_frame for topics in self.outputs)
 
     def use_video(self, settings: VideoSettings) -> None:
         """Encode video with other settings from the next frame on."""
         self._video = settings
-        for topics in self._all:
+        for topics in self.outputs:
             topics.use_video(settings)
 
     def close(self) -> None:
         """Stop sharing frames."""
-        for topics in self._all:
+        for topics in self.outputs:
             topics.frames.shared.destroy()
 
     def _create(self, topic: str, info_topic: str) -> OutputTopics:
@@ -194,9 +189,9 @@ class ImageTopics:
         is_live: bool,
     ) -> bool:
         """Publish the rectified frame. An unusable calibration is logged once."""
-        if len(self._all) == 1:
+        if len(self.outputs) == 1:
             return False
-        topics = self._all[1]
+        topics = self.outputs[1]
         try:
             is_published = topics.publish(
                 RectifiedImage(output, info, self._rectifier), header,

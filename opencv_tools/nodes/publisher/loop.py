@@ -194,8 +194,9 @@ class PublishLoop:
         if may_wait and self._unseen:
             unseen += ' (wait_for_subscribers:=1 waits for the first one)'
         unfit = (f', {self._unfit} in no form that its subscribers receive' if self._unfit else '')
-        partly = describe_partly_sent(
-            self._topics.sent, self._progress.count - self._unseen - self._unfit)
+        sent = self._progress.count - self._unseen - self._unfit
+        partly = ''.join(describe_partly_sent(topics.frames.sent, sent)
+                         for topics in self._topics.outputs)
         others = (f'; {self._topic_player.count} messages of other topics'
                   if self._topic_player else '')
         return (f'Published {self._progress.count} frames at '

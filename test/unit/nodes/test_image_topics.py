@@ -261,7 +261,7 @@ def test_nothing_is_rectified_without_subscribers(
     spin_until(node, lambda: publish() and len(rectified) > 3)
     assert rectified[0].data != images[0].data
     node.destroy_subscription(subscription)
-    spin_until(node, lambda: not topics._all[1].frames.has_subscribers)
+    spin_until(node, lambda: not topics.outputs[1].frames.has_subscribers)
     count = len(calls)
     assert publish() and len(calls) == count > 3
     topics.rectify(False)
@@ -276,7 +276,7 @@ def test_rectified_pixels_are_written_where_subscribers_read(
     topics = ImageTopics(camera, TOPIC, calibration, NOT_CONFIGURED, 0)
     topics.rectify(True)
     slots: list[object] = []
-    shared = topics._all[1].frames.shared
+    shared = topics.outputs[1].frames.shared
     share = shared.publish
     monkeypatch.setattr(shared, 'publish', lambda image, **options: (
         slots.append(options['slot']) or share(image, **options)))
