@@ -242,7 +242,8 @@ class Recorder(Generic[P]):
         dropped = self._queue.put(_Job(frame, on_done))
         if not dropped:
             return True
-        self.counts.dropped += dropped.frame.count
+        with self._ordering:  # frames and messages of topics may come from two threads
+            self.counts.dropped += dropped.frame.count
         what = f'{self.counts.dropped} frames' if dropped.frame.count else 'messages of topics'
         self.log.warning(
             f'{what} dropped: they arrive faster than they are written, and the queue of '
