@@ -225,7 +225,7 @@ def frame_codes(frame: Any) -> NDArray[np.uint16]:
 def _first_plane(frame: Any, kind: type[np.generic]) -> NDArray[Any]:
     """Return the first plane of a frame as a writable view; old PyAV copies few formats."""
     plane = frame.planes[0]
-    rows = np.frombuffer(plane, kind)  # type: ignore[call-overload]
+    rows = np.frombuffer(plane, kind)
     view: NDArray[Any] = rows.reshape(-1, plane.line_size // rows.itemsize)
     return view[:plane.height, :plane.width]
 

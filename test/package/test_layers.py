@@ -70,7 +70,7 @@ ALLOWED = {
     'opencv_tools.datasets': {
         'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.datasets',
         'opencv_tools.image', 'opencv_tools.message_types', 'opencv_tools.recording.errors',
-        'opencv_tools.recording.video', 'av', 'cv2', 'pyarrow'},
+        'opencv_tools.recording.video', 'opencv_tools.video.settings', 'av', 'cv2', 'pyarrow'},
     'opencv_tools.datasets.cli': {'opencv_tools.datasets'},
     'opencv_tools.datasets.on_ray': {'opencv_tools.datasets', 'ray'},
     'opencv_tools.frames': {
