@@ -226,3 +226,22 @@ def test_unusable_calibration_of_a_bag(
     assert not rectified
     assert publisher.output.count('/image_rect is not published: ') == 1
     assert reason in publisher.output
+
+
+@pytest.mark.parametrize('suffix', ['png', 'tiff'])
+def test_files_of_mono16_are_rectified_as_depth(
+        start: Start, node: Node, calibration: str, tmp_path: Path, suffix: str) -> None:
+    depth = np.empty((480, 640), np.uint16)
+    depth[:] = np.where(np.arange(640) % 37 < 20, 1000, 3000)  # edges between 1 and 3 m
+    cv2.imwrite(str(tmp_path / f'depth.{suffix}'), depth)
+    images, rectified = (receive(node, Image, topic) for topic in ('video_frames', 'image_rect'))
+    publisher = start('img_publisher', source=tmp_path / f'depth.{suffix}', encoding='16UC1',
+                      camera_info_url=calibration, rectify=True, wait_for_subscribers=2)
+    spin_until(node, lambda: common(images, rectified))
+    stamp = common(images, rectified)[0]
+    assert images[stamp].encoding == rectified[stamp].encoding == '16UC1'
+    raw, found = (CvBridge().imgmsg_to_cv2(one[stamp]) for one in (images, rectified))
+    assert np.array_equal(raw, depth) and not np.array_equal(found, depth)
+    assert {*np.unique(found)} <= {0, 1000, 3000}
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
