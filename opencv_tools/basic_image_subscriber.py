@@ -128,7 +128,7 @@ class ImageSubscriber(ClosableNode):
         self._progress.close()
         recorder, counts = self._session.recorder, self._session.counts
         self._log.info(
-            f'Received {self._progress.count - recorder.abandoned} frames at '
+            f'Received {self._progress.count - recorder.abandoned + counts.unprocessed} frames at '
             f'{self._progress.average_rate():.1f} Hz: '
             f'{counts.written} written to {self._session.folder}, {counts.dropped} dropped, '
             f'{counts.failed} failed, {account.lost + account.skipped} lost in transit'

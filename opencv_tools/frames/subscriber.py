@@ -91,6 +91,11 @@ class FrameSubscriber:
         account = self._subscription.account
         return self._left_out + account.skipped + account.lost
 
+    @property
+    def before(self) -> int:
+        """Return the number of frames that were sent before the first received one."""
+        return self._subscription.account.before
+
     def destroy(self) -> None:
         """
         Unsubscribe, and wait until a running call of the callback has returned.

@@ -217,7 +217,7 @@ class Recorder(Generic[P]):
         self._queue: WriteQueue[_Job] = WriteQueue(queue_size, block)
         self._queue_size = queue_size
         self._failure_log = FailureLog(log)
-        self._ordering = Lock()
+        self._ordering, self._counting = Lock(), Lock()
         self._out_of_order: dict[int, tuple[_Job, P | Exception]] = {}
         self._next_sequence = 0
         self._threads = [
@@ -242,7 +242,7 @@ class Recorder(Generic[P]):
         dropped = self._queue.put(_Job(frame, on_done))
         if not dropped:
             return True
-        with self._ordering:  # frames and messages of topics may come from two threads
+        with self._counting:  # frames and messages of topics may come from two threads
             self.counts.dropped += dropped.frame.count
         what = f'{self.counts.dropped} frames' if dropped.frame.count else 'messages of topics'
         self.log.warning(

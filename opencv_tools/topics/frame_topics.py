@@ -197,11 +197,11 @@ class FrameTopics:
         """
         Return the number of frames by topic.
 
-        Those of the image topic are the messages alone, if the last frame was one.
+        Those that were shared without a message of the image topic count for ``<topic>/shm``.
         """
         return {
-            self.images.topic_name: self.shared.messages if (
-                self.shared.was_message) else self.shared.frames,
+            self.images.topic_name: self.shared.messages,
+            self.shared.topic_name: self.shared.frames - self.shared.messages,
             **{topic.topic_name: topic.sent for topic in (self.compressed, self.depth)},
             **(self.video.sent if self.video else {})}
 

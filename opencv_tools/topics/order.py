@@ -241,6 +241,11 @@ class FrameOrder:
         return ((f', {self.before} sent before the first received {noun}' if self.before else '')
                 + (f', {unnumbered} without a number' if unnumbered else ''))
 
+    def last(self, publisher: bytes) -> int:
+        """Return the number of the last frame of a publisher; 0 if it is unknown."""
+        found = self._publishers.get(publisher)
+        return found.last if found else 0
+
     def way(self, publisher: bytes) -> Way:
         """Return how the frames of a publisher arrive."""
         found = self._publishers.get(publisher)

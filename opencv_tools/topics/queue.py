@@ -169,6 +169,8 @@ class FrameQueue:
                     return self._order.way(publisher)
             except CdrError as err:
                 frame = err.with_traceback(None)  # which would keep the frame in memory
+            if isinstance(frame, ReceivedMessage) and position:
+                frame.number = self._order.last(publisher)  # not only among the messages
             self.count += 1
             self.waits_for_key_frame = False
             held = len(self._frames)  # with keeps_all there may be more than the capacity

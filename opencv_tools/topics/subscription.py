@@ -232,11 +232,13 @@ class Account(NamedTuple):
 
     :param skipped: number of frames that newer ones have replaced before they were passed on.
     :param lost: number of frames that did not arrive, or whose video needs one that did not.
+    :param before: number of frames that were sent before the first received one.
     :param uncounted: what the numbers do not have, see `FrameOrder.uncounted`.
     """
 
     skipped: int
     lost: int
+    before: int
     uncounted: str
 
 
@@ -367,7 +369,7 @@ class FrameSubscription:
         with self._queue.lock:
             order = self._queue.order
             return Account(self._queue.skipped, order.count + self._queue.left_out,
-                           order.uncounted('frame'))
+                           order.before, order.uncounted('frame'))
 
     @property
     def is_latched(self) -> bool:

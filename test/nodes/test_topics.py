@@ -221,6 +221,36 @@ def test_beside_frames(
     assert kept == sum(hasattr(one, 'encoding') for one in decoded)
 
 
+@pytest.mark.parametrize('topics', ['/*', '/camera_info', '/cam*'])
+@pytest.mark.parametrize('transport', ['auto', 'compressed'])
+def test_camera_info_is_recorded_once(
+        start: Start, tmp_path: Path, topics: str, transport: str) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path, file_name=BAG, topics=topics,
+                     transport=transport)
+    recorder.wait_for('Waiting for')
+    publisher = start('img_publisher', source='pattern:64x48@30', publish_rate=0, max_frames=40,
+                      wait_for_subscribers=1)
+    assert publisher.finish() == 0, publisher.output
+    recorder.interrupt()
+    assert recorder.finish() == 0, recorder.output
+    stored = [found.data for found in read_by_all(tmp_path / BAG) if found.topic == '/camera_info']
+    assert len(stored) == len({*stored}) > 20
+
+
+@pytest.mark.parametrize('form', ['compressed', 'compressedDepth', 'ffmpeg'])
+def test_forms_of_the_images_are_not_recorded_beside_them(
+        start: Start, tmp_path: Path, form: str) -> None:
+    recorder = start('img_subscriber', output_dir=tmp_path, file_name=BAG, max_frames=3,
+                     topics=f'[/joint_states, /video_frames/{form}]')
+    publisher = start('img_publisher', source='pattern:depth', encoding="''")
+    assert recorder.finish() == 0, recorder.output
+    assert f'/video_frames/{form} is not recorded beside /video_frames, because' in recorder.output
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    assert {found.topic for found in read_by_all(tmp_path / BAG)} == {
+        '/video_frames', '/camera_info'}
+
+
 def test_publishers_that_change(start: Start, node: Node, tmp_path: Path) -> None:
     """A publisher that offers less is recorded too, and each is counted."""
     first = node.create_publisher(JointState, '/joints', 100)
@@ -280,7 +310,8 @@ def test_type_that_is_not_sent(
     subscriber.interrupt()
     assert subscriber.finish() == 0, subscriber.output
     assert subscriber.output.count('is not recorded') == 1
-    assert 'No topic was recorded: none matches /gripper' in subscriber.output
+    assert 'No topic was recorded beside the images: no other one matches /gripper' in (
+        subscriber.output)
 
 
 @pytest.mark.parametrize(('name', 'options', 'said'), [

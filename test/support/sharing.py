@@ -178,6 +178,7 @@ class Viewer:
                  depth: int | None = None, hold: Callable[[Frame], object] = bool) -> None:
         self.node = node
         self.numbers: dict[str, list[int]] = {}
+        self.given: dict[str, list[int]] = {}  # numbers that the publisher gave
         self.errors: list[Exception] = []
         self.shared = 0  # number of newest frames that came from shared memory
         self._hold = hold
@@ -216,6 +217,7 @@ class Viewer:
         frame = Frame(message)
         assert is_picture(frame), (frame.frame_id, frame.stamp.sec, frame.description)
         self.numbers.setdefault(frame.frame_id, []).append(frame.stamp.sec)
+        self.given.setdefault(frame.frame_id, []).append(received.number)
         self.shared = self.shared + 1 if isinstance(message.data, np.ndarray) else 0
         self._hold(frame)
 

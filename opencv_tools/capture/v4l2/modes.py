@@ -63,8 +63,8 @@ class CameraRequest:
         'format at this size and rate', check=check_fourcc, changeable=True,
         other_names=('pixel_format', 'color_format'))
     encoding: str = parameter(
-        '', "Encoding of the published images, such as '16UC1' for depth in files of mono16; '' for "
-        'the encoding of the source', choices=(*ENCODINGS, '16UC1', ''), changeable=True,
+        '', "Encoding of the published images, such as '16UC1' for depth in files of mono16; '' "
+        'for the encoding of the source', choices=(*ENCODINGS, '16UC1', ''), changeable=True,
         other_names=('output_encoding', 'image_encoding'))
     controls: tuple[tuple[str, int], ...] = ()
 

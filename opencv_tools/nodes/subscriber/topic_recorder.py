@@ -28,7 +28,7 @@ from opencv_tools.bags.writing import BagChannel
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.errors import CdrError
-from opencv_tools.image.topic_names import camera_info_topic
+from opencv_tools.image.topic_names import camera_info_topic, IMAGE_SUFFIXES
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.conversion import offered_qos
 from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
@@ -43,7 +43,6 @@ from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
-from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -237,8 +236,11 @@ class TopicRecorder:
         """
         self._node = node
         self._patterns = patterns
-        self._excluded = {image_topic, f'{image_topic}/compressed', f'{image_topic}{SUFFIX}',
-                          *(f'{image_topic}/{name}' for name in VIDEO_TOPICS.values())}
+        self._excluded = {image_topic, f'{image_topic}{SUFFIX}',
+                          *(f'{image_topic}/{name}' for name in IMAGE_SUFFIXES)}
+        for name in sorted(self._excluded.intersection(patterns)):
+            log.warning(f'{name} is not recorded beside {image_topic}, because it has the same '
+                        'images; the parameter transport chooses the form that is recorded')
         self._image_topic = image_topic
         self._log = log
         self._types = TopicTypes()
@@ -273,7 +275,8 @@ class TopicRecorder:
         for key in sorted(self._accounts):
             self._log.info(self._accounts[key].account(with_type=counts[key[0]] > 1))
         if not counts:
-            self._log.warning(f'No topic was recorded: none matches {" ".join(self._patterns)}')
+            self._log.warning(f'No topic was recorded beside the images: no other one '
+                              f'matches {" ".join(self._patterns)}')
         return not self._has_failed
 
     def _run(self) -> None:
@@ -368,7 +371,7 @@ class TopicRecorder:
         """Return whether a topic matches, is not hidden, and is not a part of an image topic."""
         return (matches(name, self._patterns)
                 and name not in self._excluded and '/_' not in name
-                and name != camera_info_topic(self._image_topic, names.__contains__)
+                and name != camera_info_topic(self._image_topic, self._node.count_publishers)
                 and not (name.endswith(SUFFIX) and name.removesuffix(SUFFIX) in names))
 
     def _add(self, name: str, publishers: list[TopicEndpointInfo]) -> bool:

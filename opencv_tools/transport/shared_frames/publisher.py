@@ -79,8 +79,6 @@ class SharedFramePublisher:
         self._next_check = 0.0
         #: Number of frames published in any way, and on the image topic.
         self.frames = self.messages = 0
-        #: Whether the last frame was published on the image topic.
-        self.was_message = False
         self._announced_only_shared = 0
         self._publisher = zero_copy.publisher_id(images.handle)
         self._identity = publisher_identity(self._publisher, images.topic_name)
@@ -136,7 +134,6 @@ class SharedFramePublisher:
             if is_message and self.frames - self.messages != self._announced_only_shared:
                 self._announce(self._writer.service if self._writer and self._is_announced else '')
             self.frames += 1
-            self.was_message = is_message
             if is_message:
                 publish_image(self._images.handle, image)
                 self.messages += 1

@@ -420,7 +420,10 @@ def test_count_after_frames_that_were_only_shared(
     spin_until(late.node, lambda: late.received(ours) == 10)
     account = late.subscription.account
     assert account.lost == 0
+    assert account.before == before
     assert account.uncounted == f', {before} sent before the first received frame'
+    given = late.given[ours.name]  # messages 1 to 10, as soon as the announcement is read
+    assert given == sorted(given) and given[-1] == before + 10
 
 
 def test_waiting_messages_precede_the_next_shared_frame(
