@@ -120,11 +120,12 @@ class ImageFilter(FrameNode):
         """
         skipped = self._subscriber.skipped
         failed = self._failed + self._subscriber.failed
-        unfit = self._publisher.without_form
+        unfit, before = self._publisher.without_form, self._subscriber.before
         super().close()
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{failed} failed, {skipped} skipped'
+            + (f', {before} sent before the first received frame' if before else '')
             + (f', {self._unfiltered} not filtered without subscribers'
                if self._unfiltered else '')
             + (f', {unfit} in no form that its subscribers receive' if unfit else ''))
