@@ -97,6 +97,8 @@ def read_images(source: FileSource, warn: Callable[[str], object]) -> Iterator[I
     paths = source.paths if isinstance(source, ImageFileSource) else ()
     number = -1
     with closing(source):
+        for warning in source.warnings:
+            warn(warning)
         while True:
             number += 1
             if number % every:

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,7 +28,8 @@ from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.video import describe_video, frame_count, video_rate
 from opencv_tools.image.errors import SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
-from opencv_tools.video.lossless import has_valid_sums, LOSSLESS_PIXELS, tagged_encoding
+from opencv_tools.video.lossless import (
+    has_no_sums, has_valid_sums, LOSSLESS_PIXELS, tagged_encoding)
 from opencv_tools.video.settings import import_av
 
 _FFV1 = b'FFV1'
@@ -85,14 +87,19 @@ class DepthVideoSource:
             self._container = self._av.open(
                 f'file:{self._path}', metadata_errors='replace')
             stream = self._container.streams.video[0]
+            packets = self._container.demux(stream)
+            first = next(packets)
         except (self._av.error.FFmpegError, OSError, LookupError) as err:
             raise CaptureError(f'{self.name} cannot be opened again: {err}') from err
         stream.codec_context.options = {'max_pixels': str(MAX_PIXELS)}
-        tag = tagged_encoding(stream.metadata)
-        self._encoding = tag or 'mono16'
-        self._has_sums: bool | None = True if tag else None  # None before the first packet
+        self._encoding = tagged_encoding(stream.metadata) or 'mono16'
+        # FFV1 before version 3 has no such data and no checksums.
+        self._may_have_sums = bool(stream.codec_context.extradata)
+        self.warnings = [] if self._may_have_sums and not has_no_sums(bytes(first)) else [
+            f'{self.name} has no checksums, so that damaged frames are not noticed; FFmpeg writes '
+            'them with -c:v ffv1 -level 3 -slicecrc 1']
         self._needs_key = False
-        self._packets = self._container.demux(stream)
+        self._packets = chain((first,), packets)
         self._number = 0
 
     def close(self) -> None:
@@ -111,9 +118,8 @@ class DepthVideoSource:
             if packet is None or not packet.size:
                 return None
             self._number += 1
-            is_intact = has_valid_sums(bytes(packet))
-            self._has_sums = is_intact if self._has_sums is None else self._has_sums
-            is_damaged = self._has_sums and not is_intact
+            is_damaged = self._may_have_sums and not (
+                has_valid_sums(bytes(packet)) or has_no_sums(bytes(packet)))
             self._needs_key = is_damaged or (self._needs_key and not packet.is_keyframe)
             for frame in () if self._needs_key else packet.decode():
                 if (frame.width, frame.height, frame.format.name) == (

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
@@ -123,6 +124,10 @@ class _Readable(Protocol):
     name: str
     description: str
     rate: float
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """Sentences about what it lacks, or has lost."""
 
     def close(self) -> None:
         """Close the device or file. A second call has no effect."""

@@ -42,6 +42,7 @@ class ImageFileSource:
 
     rate = 0.0
     live: Literal[False] = False
+    warnings = ()
 
     def __init__(self, paths: Sequence[Path], name: str) -> None:
         """

@@ -92,6 +92,7 @@ class PatternSource:
     """
 
     live: Literal[False] = False
+    warnings = ()
     count = 0
 
     def __init__(self, spec: PatternSpec) -> None:

@@ -207,6 +207,7 @@ class StreamSource:
     """
 
     live: Literal[True] = True
+    warnings = ()
 
     def __init__(self, url: str, stream: OpenStream) -> None:
         self.name = without_password(url)

@@ -49,6 +49,7 @@ class VideoSource:
     """A video file. Each frame has its time in the file."""
 
     live: Literal[False] = False
+    warnings = ()
 
     def __init__(self, location: str, capture: cv2.VideoCapture) -> None:
         """

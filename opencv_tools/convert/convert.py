@@ -303,7 +303,7 @@ class _Conversion:
     def run(self) -> int:
         """Convert the frames and log an account; return the exit status."""
         request, source = self._request, self._source
-        for warning in source.warnings if isinstance(source, BagSource) else ():
+        for warning in source.warnings:
             self._log.warning(warning)
         if isinstance(source, PatternSource) and not request.stop:
             raise ValueError(f'{request.source} has no end: give --stop')

@@ -28,7 +28,9 @@ _ENCODING, _UNIT = 'encoding', 'depth_unit'
 # At the end of a slice: its size, its state and its checksum.
 _SIZE_BYTES, _END_BYTES = 3, 8
 _REVERSED = bytes(int(f'{byte:08b}'[::-1], 2) for byte in range(256))
-_ONES = 2**32 - 1
+# The polynomial is that of zlib, with the bits of each byte in the other order and without
+# inversion. FFmpeg begins with 0, or with 0x79408c7a for slicecrc=2, and ends with the same.
+_BEGINS = (0xffffffff, 0xa1cefd61)
 
 
 def lossless_tags(encoding: str) -> dict[str, str]:
@@ -49,13 +51,24 @@ def has_valid_sums(packet: bytes) -> bool:
 
     FFmpeg replaces damaged slices by older ones without an error.
     """
-    end = len(packet)
-    while end >= _END_BYTES:
-        size_at = end - _END_BYTES
+    slices = [one.translate(_REVERSED) for one in _slices(packet, _END_BYTES)]
+    return bool(slices) and any(
+        all(zlib.crc32(one, begin) == begin for one in slices) for begin in _BEGINS)
+
+
+def has_no_sums(packet: bytes) -> bool:
+    """Return whether the slices of an FFV1 packet end with their sizes, without checksums."""
+    return bool(_slices(packet, _SIZE_BYTES))
+
+
+def _slices(packet: bytes, end_bytes: int) -> list[bytes]:
+    """Return the slices of a packet, the last one first; [] if their sizes are not its size."""
+    slices, end = [], len(packet)
+    while end >= end_bytes:
+        size_at = end - end_bytes
         begin = size_at - int.from_bytes(packet[size_at:size_at + _SIZE_BYTES], 'big')
-        # The polynomial is that of zlib, with the bits of each byte in the other order and
-        # without inversion. The remainder of a slice with its checksum is 0.
-        if begin < 0 or zlib.crc32(packet[begin:end].translate(_REVERSED), _ONES) != _ONES:
-            return False
+        if begin < 0:
+            return []
+        slices.append(packet[begin:end])
         end = begin
-    return end == 0 and len(packet) > 0
+    return [] if end else slices

@@ -68,9 +68,8 @@ class SourceLog:
         if not is_back:
             self._log.info(f'{source.name} opened: {source.description}, '
                            f'publishing to {self._topic}')
-        if isinstance(source, (BagSource, CameraSource)):
-            for warning in source.warnings:
-                self._log.warning(warning)
+        for warning in source.warnings:
+            self._log.warning(warning)
         if isinstance(source, CameraSource):
             self._controls.camera_opened()
 

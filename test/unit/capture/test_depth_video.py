@@ -161,6 +161,20 @@ def test_file_of_another_program(
     np.testing.assert_array_equal(read_all(source), images)
 
 
+@pytest.mark.parametrize('options', [
+    {'level': '1'}, {'level': '3', 'slicecrc': '0'}, {'level': '3', 'slicecrc': '1'},
+    {'level': '3', 'slicecrc': '1', 'slices': '4'}])
+def test_copy_of_another_program_with_metadata(
+        tmp_path: Path, options: dict[str, str]) -> None:
+    images = [depth(number) for number in range(3)]
+    source = opened(write_foreign(tmp_path / 'a.mkv', images, encoding='16UC1', **options))
+    np.testing.assert_array_equal(read_all(source), images)
+    has_sums = options.get('slicecrc') == '1'
+    assert [*source.warnings] == ([] if has_sums else [
+        f'{tmp_path}/a.mkv has no checksums, so that damaged frames are not noticed; FFmpeg '
+        'writes them with -c:v ffv1 -level 3 -slicecrc 1'])
+
+
 @pytest.mark.process
 @pytest.mark.skipif(not shutil.which('ffmpeg'), reason='needs the command ffmpeg')
 def test_file_of_the_command_ffmpeg(tmp_path: Path) -> None:

@@ -18,7 +18,8 @@ from __future__ import annotations
 
 import av
 import numpy as np
-from opencv_tools.video.lossless import has_valid_sums, lossless_tags, tagged_encoding
+from opencv_tools.video.lossless import (
+    has_no_sums, has_valid_sums, lossless_tags, tagged_encoding)
 import pytest
 
 
@@ -27,7 +28,8 @@ def packet(height: int, width: int, slices: int, sums: int = 1) -> bytes:
     context = av.CodecContext.create('ffv1', 'w')
     context.width, context.height, context.pix_fmt = width, height, 'gray16le'
     context.framerate = context.time_base = 1
-    context.options = {'level': '3', 'slices': str(slices), 'slicecrc': str(sums)}
+    context.options = {'level': '3', 'slices': str(slices), 'slicecrc': str(sums),
+                       'strict': 'experimental'}
     image = np.random.default_rng(1).integers(0, 2**16, (height, width)).astype(np.uint16)
     frame = av.VideoFrame.from_ndarray(image, 'gray16le')
     frame.pts = 0
@@ -39,19 +41,34 @@ def packet(height: int, width: int, slices: int, sums: int = 1) -> bytes:
     (1, 1, 1), (9, 31, 1), (64, 64, 4), (200, 64, 6), (64, 64, 16)])
 def test_checksums_of_ffmpeg(height: int, width: int, slices: int) -> None:
     data = packet(height, width, slices)
-    assert has_valid_sums(data)
+    assert has_valid_sums(data) and not has_no_sums(data)
     places = {*range(30), *range(0, len(data), 1 + len(data) // 300), *range(-30, 0)}
     for place in places:
         place %= len(data)
         changed = bytes(byte ^ (index == place) << place % 8 for index, byte in enumerate(data))
-        assert not has_valid_sums(changed), place
+        assert not (has_valid_sums(changed) or has_no_sums(changed)), place
     assert not any(has_valid_sums(data[:-count]) for count in range(1, min(50, len(data))))
     assert not has_valid_sums(b'\0' + data)
 
 
 @pytest.mark.parametrize('data', [b'', bytes(7), b'\xff' * 100, packet(64, 64, 4, sums=0)])
-def test_packets_without_checksums(data: bytes) -> None:
+def test_packets_without_valid_checksums(data: bytes) -> None:
     assert not has_valid_sums(data)
+
+
+@pytest.mark.parametrize('slices', [1, 4])
+def test_slices_without_checksums(slices: int) -> None:
+    data = packet(64, 64, slices, sums=0)
+    assert has_no_sums(data)
+    assert not any(map(has_no_sums, (b'', bytes(2), data[1:], data[:-1], b'\xff' * 100)))
+
+
+def test_checksums_with_another_first_value() -> None:
+    try:
+        data = packet(64, 64, 4, sums=2)
+    except av.error.FFmpegError:
+        pytest.skip('this FFmpeg has one kind of checksums only')
+    assert has_valid_sums(data) and not has_valid_sums(data[:99] + b'\0' + data[100:])
 
 
 def test_encodings_in_the_metadata() -> None:
