@@ -101,11 +101,11 @@ def read_images(source: FileSource, warn: Callable[[str], object]) -> Iterator[I
             warn(warning)
         while True:
             number += 1
-            if number % every:
-                if not source.skip():
-                    return
-                continue
             try:
+                if number % every:
+                    if not source.skip():
+                        return
+                    continue
                 frame = source.read()
                 if frame is None:
                     return

@@ -25,7 +25,7 @@ import cv2
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.video import describe_video, frame_count, video_rate
+from opencv_tools.capture.video import check_end, describe_video, frame_count, video_rate
 from opencv_tools.image.errors import SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.video.lossless import (
@@ -63,6 +63,7 @@ class DepthVideoSource:
         capture.release()
         self._path = path
         self._container: Any = None
+        self._is_checked = False
         try:
             check_size(*self._size, MAX_PIXELS)
             self._av = import_av()
@@ -71,14 +72,18 @@ class DepthVideoSource:
         self.rewind()
 
     def skip(self) -> bool:
+        packet = self._next_packet()
+        if packet is None:
+            return False
         with suppress(BrokenFrameError):
-            return self._decode() is not None
+            self._decode(packet)
         return True
 
     def read(self) -> CapturedFrame | None:
-        frame = self._decode()
-        if frame is None:
+        packet = self._next_packet()
+        if packet is None:
             return None
+        frame = self._decode(packet)
         return CapturedFrame(frame.to_ndarray(), self._encoding, position=frame.time)
 
     def rewind(self) -> None:
@@ -106,18 +111,32 @@ class DepthVideoSource:
         if self._container is not None:
             self._container.close()
 
-    def _decode(self) -> Any:
+    def _next_packet(self) -> Any:
         """
-        Return the next picture; None at the end.
+        Return the next packet; None at the end.
+
+        :raises BrokenFrameError: the file is damaged; once, also at an early end.
+        """
+        try:
+            packet = next(self._packets, None)
+        except (self._av.error.FFmpegError, OSError) as err:
+            raise BrokenFrameError(f'{self.name} cannot be read: {err}') from err
+        if packet is not None and packet.size:
+            self._number += 1
+            return packet
+        if not self._is_checked:
+            self._is_checked = True
+            check_end(str(self._path), self._number, self.count)
+        return None
+
+    def _decode(self, packet: Any) -> Any:
+        """
+        Return the picture of a packet.
 
         :raises BrokenFrameError: it is damaged, or needs one that is.
         """
         reason = ''
         try:
-            packet = next(self._packets, None)
-            if packet is None or not packet.size:
-                return None
-            self._number += 1
             is_damaged = self._may_have_sums and not (
                 has_valid_sums(bytes(packet)) or has_no_sums(bytes(packet)))
             self._needs_key = is_damaged or (self._needs_key and not packet.is_keyframe)

@@ -30,6 +30,8 @@ from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
 
 # Containers with an index of their frames. For other containers OpenCV estimates the number.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
+# A Matroska file begins with the first element. The second one has the size of all that follows.
+_EBML, _SEGMENT, _HEAD_BYTES = b'\x1a\x45\xdf\xa3', b'\x18\x53\x80\x67', 256
 
 # URL schemes that FFmpeg opens over TCP, with their default ports.
 _PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
@@ -64,15 +66,16 @@ class VideoSource:
         self.rate = video_rate(capture)
         self.description = describe_video(capture)
         self.count = frame_count(capture)
-        listed = Path(location).suffix.lower() in _LISTED_SUFFIXES
-        self._listed = self.count if listed else 0
         self._number = 0
+        self._is_checked = False
 
     def skip(self) -> bool:
         if self._capture.grab():
             self._number += 1
             return True
-        self._check_end()
+        if not self._is_checked:
+            self._is_checked = True
+            check_end(self._location, self._number, self.count)
         return False
 
     def read(self) -> CapturedFrame | None:
@@ -96,13 +99,38 @@ class VideoSource:
     def close(self) -> None:
         self._capture.release()
 
-    def _check_end(self) -> None:
-        """Check, once, that the file has the number of frames that its index lists."""
-        number, listed = self._number, self._listed
-        self._listed = 0
-        if number < listed:
-            raise BrokenFrameError(f'{self.name} is damaged: it ends after {number} of its '
-                                   f'{listed} frames')
+
+def check_end(location: str, number: int, count: int) -> None:
+    """
+    Check that a video has the frames of its index, or the bytes of its header, if it has these.
+
+    :param location: path of the file, or its URL.
+    :param number: number of frames until its end.
+    :param count: number of frames by OpenCV.
+    :raises BrokenFrameError: it has fewer.
+    """
+    path, rest = Path(location), ''
+    if path.suffix.lower() in _LISTED_SUFFIXES:
+        rest = f' of its {count} frames' if number < count else ''
+    elif path.is_file():
+        size, declared = path.stat().st_size, _declared_bytes(path)
+        rest = f' frames, with {size} of its {declared} bytes' if size < declared else ''
+    if rest:
+        raise BrokenFrameError(
+            f'{without_password(location)} is damaged: it ends after {number}{rest}')
+
+
+def _declared_bytes(path: Path) -> int:
+    """Return the size of a Matroska file by its header; 0 if it is unknown."""
+    with path.open('rb') as file:
+        head = file.read(_HEAD_BYTES)
+    begin = head.find(_SEGMENT) + len(_SEGMENT)
+    if not head.startswith(_EBML) or begin < len(_SEGMENT) or begin + 8 > len(head):
+        return 0
+    # The zeros at the begin of a number are its bytes after the first; ones only mean unknown.
+    length = 9 - head[begin].bit_length()
+    number, unknown = int.from_bytes(head[begin:begin + length], 'big'), (1 << 7 * length) - 1
+    return 0 if number & unknown == unknown else begin + length + (number & unknown)
 
 
 def open_video(location: str, *options: int) -> cv2.VideoCapture:

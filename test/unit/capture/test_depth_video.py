@@ -245,6 +245,22 @@ def test_cut_file_has_its_first_frames(tmp_path: Path, part: float) -> None:
     np.testing.assert_array_equal(found, images[:len(found)])
 
 
+def test_end_of_a_cut_file_is_reported_once(tmp_path: Path) -> None:
+    path = write(tmp_path / 'a.mkv', [depth(number) for number in range(10)])
+    content = path.read_bytes()
+    path.write_bytes(content[:len(content) // 2])
+    source = opened(path)
+    for _ in range(4):
+        assert source.skip()
+    with pytest.raises(BrokenFrameError, match=(
+            rf'a\.mkv is damaged: it ends after 4 frames, with {len(content) // 2} of its '
+            f'{len(content)} bytes$')):
+        source.skip()
+    assert not source.skip() and source.read() is None
+    source.rewind()
+    assert len(read_all(source)) == 4
+
+
 def test_file_that_is_cut_in_its_header(tmp_path: Path) -> None:
     path = write(tmp_path / 'a.mkv', [depth(1)])
     for length in (0, 3, 100, 300):

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import re
 import struct
 import sys
 from typing import Any
@@ -196,6 +197,32 @@ def test_video_of_depth_is_not_reduced_in_silence(
     assert convert(tmp_path / 'a.mkv', tmp_path / 'a.mp4', '--lossy', '--range', '0:9000',
                    '--colors', 'turbo') == 0
     assert len(frames(tmp_path / 'a.mp4')) == 1
+
+
+@pytest.mark.parametrize('source', ['pattern:depth:64x48', 'pattern:64x48'])
+@pytest.mark.parametrize('options', [(), ('--every', '2')])
+def test_cut_video_is_reported(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], source: str,
+        options: tuple[str, ...]) -> None:
+    video = tmp_path / 'a.mkv'
+    assert convert(source, video, '--stop', '20', *['--lossy'] * ('depth' not in source)) == 0
+    assert convert(video, tmp_path / 'whole' / '{seq}.png', *options) == 0
+    content = video.read_bytes()
+    size = len(content) * 6 // 10
+    video.write_bytes(content[:size])
+    capsys.readouterr()
+    assert convert(video, tmp_path / 'cut' / '{seq}.png', *options) == 1
+    written = len(recorded_files(tmp_path / 'cut'))
+    error = capsys.readouterr().err
+    found = re.search(rf'error: a frame was not read: {video} is damaged: it ends after (\d+) '
+                      rf'frames, with {size} of its {len(content)} bytes\n', error)
+    assert found and 5 < int(found[1]) < 19
+    assert written == (int(found[1]) + 1) // 2 if options else int(found[1])
+    assert f'{written} written' in error and ', 1 failed' in error
+    # The header of a video whose recorder was killed does not know the size.
+    known = content.index(b'\x18\x53\x80\x67') + 4
+    video.write_bytes(content[:known] + b'\1' + bytes([255] * 7) + content[known + 8:size])
+    assert convert(video, tmp_path / 'killed' / '{seq}.png', *options) == 0
 
 
 def test_frames_that_no_video_holds_fail_beside_others(
