@@ -29,7 +29,7 @@ from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.depth_video import DepthVideoSource, is_depth_video
+from opencv_tools.capture.depth_video import deep_pixels, DepthVideoSource, is_gray
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource
@@ -197,9 +197,13 @@ def _open_path(path: Path, bag_topic: str) -> Source:
     if is_image_file:
         return ImageFileSource([path], str(path))
     capture = open_video(str(path))
-    if stat.S_ISREG(mode) and is_depth_video(capture):
-        return DepthVideoSource(path, capture)
-    return VideoSource(str(path), capture)
+    pixels = deep_pixels(path, capture) if stat.S_ISREG(mode) else ''
+    if is_gray(pixels):
+        return DepthVideoSource(path, capture, pixels)
+    video = VideoSource(str(path), capture)
+    video.warnings = [f'{shown} has pixels of {pixels}, which are reduced to 8 bits a channel; '
+                      'only gray videos keep more'] if pixels else []
+    return video
 
 
 def _open_folder(path: Path) -> ImageFileSource:

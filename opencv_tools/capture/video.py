@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from pathlib import Path
 import re
@@ -51,7 +52,7 @@ class VideoSource:
     """A video file. Each frame has its time in the file."""
 
     live: Literal[False] = False
-    warnings = ()
+    warnings: Sequence[str] = ()
 
     def __init__(self, location: str, capture: cv2.VideoCapture) -> None:
         """
