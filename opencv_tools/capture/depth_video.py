@@ -31,7 +31,7 @@ from opencv_tools.capture.video import check_end, describe_video, frame_count, v
 from opencv_tools.image.errors import SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.video.lossless import (
-    has_no_sums, has_valid_sums, LOSSLESS_PIXELS, tagged_encoding)
+    describe_tags, has_no_sums, has_valid_sums, LOSSLESS_PIXELS, tagged_encoding)
 from opencv_tools.video.settings import import_av
 
 # Tags of FFmpeg for common pixel formats of 8 bits, which need no PyAV, and that of gray.
@@ -123,8 +123,9 @@ class DepthVideoSource:
             raise CaptureError(f'{self.name} cannot be opened again: {err}') from err
         context = stream.codec_context
         context.options = {'max_pixels': str(MAX_PIXELS)}
-        has_all_bits = self._pixels.startswith('gray16')
-        self._encoding = (has_all_bits and tagged_encoding(stream.metadata)) or 'mono16'
+        # FFmpeg scales numbers for other formats, whose copied metadata are wrong.
+        tags = stream.metadata if self._pixels.startswith('gray16') else {}
+        self._encoding, wrong = tagged_encoding(tags) or 'mono16', describe_tags(tags)
         self._is_ffv1 = context.name == 'ffv1'
         # FFV1 before version 3 has no such data and no checksums.
         self._may_have_sums = self._is_ffv1 and bool(context.extradata)
@@ -132,6 +133,7 @@ class DepthVideoSource:
         self.warnings = [
             f'{self.name} has no checksums, so that damaged frames are not noticed; FFmpeg writes '
             'them with -c:v ffv1 -level 3 -slicecrc 1'] if self._is_ffv1 and not has_sums else []
+        self.warnings += [f'{self.name} has {wrong}'] if wrong else []
         self._size = context.width, context.height
         self._needs_key = self._is_checked = False
         self._packets, self._decoded = chain((first,), packets), deque[Any]()

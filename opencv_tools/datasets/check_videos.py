@@ -32,7 +32,8 @@ from opencv_tools.datasets.part import FINGERPRINT
 from opencv_tools.datasets.pictures import fingerprint
 from opencv_tools.datasets.plan import IMAGES
 from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
-from opencv_tools.datasets.videos import frame_codes, frame_luma, video_frames
+from opencv_tools.datasets.videos import (
+    codec_name, frame_codes, frame_luma, stream_settings, video_frames)
 
 _MAX_LEVELS = 12.0  # largest difference of the small pictures of a frame, on average
 _MAX_CODES = 0.5  # the same of depth, which has no losses
@@ -96,6 +97,10 @@ def video_problems(reader: SetReader, episodes: list[dict[str, Any]],
         except DatasetError as err:
             yield f'{INFO}, {printable(key)}: {err}'
             continue
+        wrong = _wrong_facts(reader.features[key], bool(codes), has_fingerprints(reader))
+        yield from (f'{INFO}, {printable(key)}: it has {text}' for text in wrong)
+        if wrong:
+            continue
         depth = DepthFrames(codes) if codes else None
         if depth and depths is not None:
             depths[key] = depth
@@ -110,6 +115,24 @@ def video_problems(reader: SetReader, episodes: list[dict[str, Any]],
                     reader, key, path, list(rows), prints, depth))
             except DatasetError as err:
                 yield f'{shown}: {err}'
+
+
+def _wrong_facts(feature: dict[str, Any], is_depth: bool, is_ours: bool) -> list[str]:
+    """Return which facts of a feature contradict each other."""
+    info, (height, width, channels) = _info_of(feature), feature['shape']
+    expected = {'height': height, 'width': width, 'channels': channels}
+    wrong = [f'video.{name} {printable(info[f"video.{name}"])}, but the shape {feature["shape"]}'
+             for name, size in expected.items() if info.get(f'video.{name}', size) != size]
+    if channels != (1 if is_depth else 3):
+        wrong.append(f'{channels} channels, but is_depth_map {str(is_depth).lower()}')
+    if is_depth and is_ours and info.get('depth_unit', 'm') != 'm':
+        wrong.append(f'depth_unit {info["depth_unit"]}, but statistics in m')
+    return wrong
+
+
+def _info_of(feature: dict[str, Any]) -> dict[str, Any]:
+    info = feature.get('info')
+    return info if isinstance(info, dict) else {}
 
 
 def has_fingerprints(reader: SetReader) -> bool:
@@ -156,6 +179,10 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
         points = depth.points(frame) if depth else None
         if prints is not None and count <= expected:
             seen.append(fingerprint(frame_luma(frame)) if points is None else points)
+    info = _info_of(reader.features[key])
+    for name, actual in zip(('video.codec', 'video.pix_fmt'), stream_settings(path)):
+        if codec_name(str(info.get(name, actual))) != actual:
+            yield f'it has {name} {actual}, but {INFO} has {printable(info[name])}'
     if late:
         yield f'{late} frames are not at k / {reader.fps} s'
     if count != expected:

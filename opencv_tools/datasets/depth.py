@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from opencv_tools.base.text import printable
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import DEPTH_RANGE, LEROBOT, Plan
@@ -38,6 +39,7 @@ METRE = 1000.0  # millimetres
 #: Settings of a feature in info.json, and the values that LeRobot takes for missing ones.
 _KEYS: dict[str, Any] = {'video.depth_min': DEPTH_RANGE[0], 'video.depth_max': DEPTH_RANGE[1],
                          'video.shift': 3.5, 'video.use_log': True}
+_IS_DEPTH, _UNITS = ('is_depth_map', 'video.is_depth_map'), ('m', 'mm')
 _LEAST = 1e-6  # metres of a range: the logarithms of its limits differ
 _POINTS = 8  # of the small picture, in each direction
 
@@ -67,9 +69,14 @@ class DepthCodes:
         :raises DatasetError: the settings are invalid.
         """
         info = feature.get('info')
-        if not isinstance(info, dict) or not {'is_depth_map', 'video.is_depth_map'} & {
-                key for key, value in info.items() if value}:
+        marks = [info.get(key) for key in _IS_DEPTH] if isinstance(info, dict) else []
+        if not all(one is None or isinstance(one, bool) for one in marks):
+            raise DatasetError(f'it has is_depth_map {printable(marks)}, not true or false')
+        if not isinstance(info, dict) or not any(marks):
             return None
+        if info.get('depth_unit', 'm') not in _UNITS:
+            raise DatasetError(f'it has depth_unit {printable(info["depth_unit"])}, not '
+                               f'{" or ".join(_UNITS)}')
         low, high, shift, is_log = given = [info.get(key, value) for key, value in _KEYS.items()]
         if not isinstance(is_log, bool) or not all(
                 type(one) in (int, float) and abs(one) < 1e6 for one in given[:3]) or (

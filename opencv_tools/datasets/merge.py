@@ -200,7 +200,7 @@ class _Merge:
 
     def _write_videos(self, key: str) -> None:
         """Join the videos of a camera to files of a limited size."""
-        name, file, settings = f'{key.removeprefix(IMAGES)}.mp4', _File(), b''
+        name, file, settings = f'{key.removeprefix(IMAGES)}.mp4', _File(), ('', '', b'')
         fps, frames, number = self._described[0]['fps'], 0, 0
         for part, described in zip(self._parts, self._described):
             size, found = (part / name).stat().st_size, stream_settings(part / name)

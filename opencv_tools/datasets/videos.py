@@ -166,9 +166,9 @@ def join_videos(sources: Sequence[Path], target: Path, expected: int) -> None:
                            ) from err
 
 
-def stream_settings(path: Path) -> bytes:
+def stream_settings(path: Path) -> tuple[str, str, bytes]:
     """
-    Return bytes that are equal for videos that can be joined.
+    Return the codec, the pixel format and the header, equal for videos that can be joined.
 
     :raises DatasetError: the file is no video.
     """
@@ -177,9 +177,19 @@ def stream_settings(path: Path) -> bytes:
         os.close(open_regular(path))
         with av.open(str(path)) as container:
             context: Any = container.streams.video[0].codec_context
-            return bytes(context.extradata or b'')
+            return (codec_name(context.codec.name), context.pix_fmt or '',
+                    bytes(context.extradata or b''))
     except (av.error.FFmpegError, IndexError, OSError) as err:
         raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {reason_of(err)}') from err
+
+
+def codec_name(name: str) -> str:
+    """Return the name of what a decoder or encoder of FFmpeg is for: ``'av1'`` of libsvtav1."""
+    import av
+    for mode in ('r', 'w'):
+        with suppress(ValueError):
+            return str(av.codec.Codec(name, mode).canonical_name)
+    return name
 
 
 def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:

@@ -19,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 import zlib
 
+from opencv_tools.base.text import printable
+
 #: Encodings that such a video holds, with the unit of their numbers by REP 118; '' for none.
 LOSSLESS_ENCODINGS = {'16UC1': 'mm', 'mono16': ''}
 #: Pixel format of FFmpeg for all of them.
@@ -43,6 +45,16 @@ def tagged_encoding(tags: Mapping[str, str]) -> str:
     """Return the encoding in the metadata of a stream; '' if there is no valid one."""
     found = {name.lower(): value for name, value in tags.items()}.get(_ENCODING, '')
     return found if found in LOSSLESS_ENCODINGS else ''
+
+
+def describe_tags(tags: Mapping[str, str]) -> str:
+    """Return which metadata of a stream are not those of its frames; '' if all are."""
+    found = {name.lower(): value for name, value in tags.items()}
+    encoding, unit = (found.get(name, '') for name in (_ENCODING, _UNIT))
+    used = tagged_encoding(tags) or 'mono16'
+    wrong = [f'the {_ENCODING} {printable(encoding)}'] * (encoding not in (used, ''))
+    wrong += [f'the {_UNIT} {printable(unit)}'] * (unit not in (LOSSLESS_ENCODINGS[used], ''))
+    return f'{" and ".join(wrong)}, but is read as {used}' if wrong else ''
 
 
 def has_valid_sums(packet: bytes) -> bool:

@@ -23,6 +23,7 @@ import sys
 
 import av
 import numpy as np
+from opencv_tools.base.text import printable
 from opencv_tools.capture.depth_video import DepthVideoSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import FileSource
@@ -335,8 +336,11 @@ def test_file_that_is_cut_in_its_header(tmp_path: Path) -> None:
 @pytest.mark.parametrize('encoding', ['', 'bgr8', '32FC1', '16UC1 ', '\x1b[2J'])
 def test_tag_of_another_encoding(tmp_path: Path, encoding: str) -> None:
     path = write_foreign(tmp_path / 'a.mkv', [depth(1)], encoding=encoding)
-    frame = opened(path).read()
+    source = opened(path)
+    frame = source.read()
     assert frame and frame.encoding == 'mono16'
+    assert [one.partition(' has ')[2] for one in source.warnings] == [
+        f'the encoding {printable(encoding)}, but is read as mono16'] * bool(encoding)
 
 
 def test_random_bytes_in_a_file(tmp_path: Path) -> None:

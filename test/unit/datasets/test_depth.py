@@ -323,6 +323,7 @@ def test_check_of_unknown_origin(tmp_path: Path, capsys: Output, pixels: str) ->
     info = info_of(folder)
     for name in ('video.depth_min', 'video.depth_max', 'video.shift', 'video.use_log'):
         del info['features'][KEY]['info'][name]  # LeRobot takes its defaults
+    info['features'][KEY]['info']['video.pix_fmt'] = pixels
     (folder / 'meta/info.json').write_text(json.dumps(info))
     status, printed = check(folder, capsys)
     assert status == 0 and 'pixels without; its steps allow errors of 2.22 mm' in printed
@@ -342,6 +343,50 @@ def test_hostile_settings(tmp_path: Path, capsys: Output, changed: dict[str, Any
     assert status == 1 and 'which give no range' in printed
     with pytest.raises(DatasetError, match='no range'):
         DepthCodes.of_feature(info['features'][KEY])
+
+
+@pytest.mark.parametrize(('changed', 'sentence'), [
+    ({'depth_unit': 'cm'}, 'it has depth_unit cm, not m or mm'),
+    ({'depth_unit': ['m']}, r"it has depth_unit \['m'\], not m or mm"),
+    ({'depth_unit': 'mm'}, 'it has depth_unit mm, but statistics in m'),
+    ({'video.pix_fmt': 'yuv420p'}, r'it has video\.pix_fmt gray12le, but meta/info\.json has yuv'),
+    ({'video.codec': 'h264'}, r'it has video\.codec hevc, but meta/info\.json has h264'),
+    ({'video.codec': 7}, r'it has video\.codec hevc, but meta/info\.json has 7'),
+    ({'video.channels': 3}, r'it has video\.channels 3, but the shape \[48, 64, 1\]'),
+    ({'video.width': '64'}, r'it has video\.width 64, but the shape \[48, 64, 1\]'),
+    ({'is_depth_map': 'yes'}, r"it has is_depth_map \['yes', None\], not true or false"),
+    ({'is_depth_map': 'no'}, r"it has is_depth_map \['no', None\], not true or false"),
+    ({'is_depth_map': 1}, r'it has is_depth_map \[1, None\], not true or false'),
+    ({'is_depth_map': False}, 'it has 1 channels, but is_depth_map false'),
+    ({'is_depth_map': None}, 'it has 1 channels, but is_depth_map false')])
+def test_check_of_wrong_facts(
+        tmp_path: Path, capsys: Output, changed: dict[str, Any], sentence: str) -> None:
+    folder = made(tmp_path, [picture(0)])
+    info = info_of(folder)
+    info['features'][KEY]['info'].update(changed)
+    (folder / 'meta/info.json').write_text(json.dumps(info))
+    status, printed = check(folder, capsys)
+    assert status == 1 and 'set has 1 errors' in printed, printed
+    assert re.search(rf'{KEY}(: |/\S+: ){sentence}', printed), printed
+
+
+@pytest.mark.parametrize('shape', [[48, 64, 3], [48, 64, 2], [64, 48, 1]])
+def test_check_of_another_shape(tmp_path: Path, capsys: Output, shape: list[int]) -> None:
+    folder = made(tmp_path, [picture(0)])
+    info = info_of(folder)
+    info['features'][KEY]['shape'] = shape
+    (folder / 'meta/info.json').write_text(json.dumps(info))
+    status, printed = check(folder, capsys)
+    assert status == 1 and f'but the shape {shape}' in printed and 'bags' not in printed
+
+
+@pytest.mark.parametrize('name', ['hevc', 'libx265'])
+def test_check_knows_codecs_by_their_encoders(tmp_path: Path, capsys: Output, name: str) -> None:
+    folder = made(tmp_path, [picture(0)])
+    info = info_of(folder)
+    info['features'][KEY]['info']['video.codec'] = name
+    (folder / 'meta/info.json').write_text(json.dumps(info))
+    assert check(folder, capsys)[0] == 0
 
 
 @pytest.mark.parametrize('info', [None, [], 'x', {}, {'is_depth_map': False}])

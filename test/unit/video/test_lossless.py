@@ -19,7 +19,7 @@ from __future__ import annotations
 import av
 import numpy as np
 from opencv_tools.video.lossless import (
-    has_no_sums, has_valid_sums, lossless_tags, tagged_encoding)
+    describe_tags, has_no_sums, has_valid_sums, lossless_tags, tagged_encoding)
 import pytest
 
 
@@ -75,5 +75,17 @@ def test_encodings_in_the_metadata() -> None:
     assert lossless_tags('16UC1') == {'encoding': '16UC1', 'depth_unit': 'mm'}
     assert lossless_tags('mono16') == {'encoding': 'mono16'}
     assert tagged_encoding({'ENCODING': 'mono16', 'DEPTH_UNIT': 'mm'}) == 'mono16'
+    assert not any(map(describe_tags, (
+        {}, lossless_tags('16UC1'), lossless_tags('mono16'), {'ENCODING': '16UC1'})))
     assert [tagged_encoding(tags) for tags in (
         {}, {'encoding': ''}, {'encoding': 'bgr8'}, {'comment': '16UC1'})] == [''] * 4
+
+
+@pytest.mark.parametrize(('tags', 'sentence'), [
+    ({'encoding': '32FC1'}, 'the encoding 32FC1, but is read as mono16'),
+    ({'ENCODING': '16UC1', 'DEPTH_UNIT': 'm'}, 'the depth_unit m, but is read as 16UC1'),
+    ({'encoding': 'mono16', 'depth_unit': 'mm'}, 'the depth_unit mm, but is read as mono16'),
+    ({'encoding': 'x', 'depth_unit': 'm'},
+     'the encoding x and the depth_unit m, but is read as mono16')])
+def test_metadata_that_are_not_followed(tags: dict[str, str], sentence: str) -> None:
+    assert describe_tags(tags) == sentence
