@@ -31,10 +31,13 @@ from opencv_tools.capture.bag_video import BagVideo
 from opencv_tools.capture.frame import CapturedFrame, Recorded
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.settings import CaptureSettings
-from opencv_tools.image.errors import ImageError
+from opencv_tools.image.compressed_depth import DEPTH_ENCODINGS
+from opencv_tools.image.errors import ConversionError, EncodingError, ImageError
 
 _SETTINGS = CaptureSettings(encoding='bgr8')
-_DEEP = ('mono16', '16UC1', '32FC1')  # whose lower bits a conversion to 8 bits would drop
+#: What to do with images that data sets have no place for.
+OTHER_IMAGES = ('--image takes colours and mono8, --depth takes 16UC1, mono16 and 32FC1; publish '
+                'other images as one of these, or leave the topic out')
 
 
 def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int], is_depth: bool = False,
@@ -93,9 +96,9 @@ def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory
         wire, image, encoding = read_picture(topic.type_name, serialized, video, item.number)
     except (ImageError, OSError) as err:
         video.restart()
-        return str(err)
+        return _reason(err)
     declared = getattr(wire, 'format', encoding).partition(';')[0]
-    if memory and declared in _DEEP:
+    if memory and declared in DEPTH_ENCODINGS:
         return f'{declared} has more than 8 bits a pixel; if it is depth, use --depth'
     if memory:
         picture = OutputImage(CapturedFrame(image, encoding), _SETTINGS)
@@ -107,7 +110,13 @@ def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory
         if not picture.image.size:  # decoded here, once
             return 'it has no pixels'
     except ImageError as err:
-        return str(err)
+        return _reason(err)
     if memory:
         memory.keep()
     return picture
+
+
+def _reason(err: Exception) -> str:
+    """Return why a message is not decoded, and what to do if it has no other encoding."""
+    is_other = isinstance(err, (ConversionError, EncodingError))
+    return f'{err}; {OTHER_IMAGES}' if is_other else str(err)

@@ -30,10 +30,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
-from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.bag_pictures import OTHER_IMAGES
+from opencv_tools.capture.output_image import check_conversion, OutputImage
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import DEPTH_RANGE, LEROBOT, Plan
 from opencv_tools.image.compressed_depth import DEPTH_ENCODINGS
+from opencv_tools.image.errors import ImageError
 
 METRE = 1000.0  # millimetres
 #: Settings of a feature in info.json, and the values that LeRobot takes for missing ones.
@@ -154,8 +156,13 @@ class DepthImages:
         if picture is self._picture:
             return self._numbers
         if picture.encoding not in DEPTH_ENCODINGS:
+            remedy = 'use --image'
+            try:
+                check_conversion(picture.encoding, 'bgr8')
+            except ImageError:
+                remedy = OTHER_IMAGES
             raise DatasetError(f'{self._name}: an image of {picture.encoding} is no depth, which '
-                               f'is {", ".join(DEPTH_ENCODINGS)}; use --image')
+                               f'is {", ".join(DEPTH_ENCODINGS)}; {remedy}')
         image, account, codes = picture.image, self.account, self._codes
         depth = image.astype(np.float32)
         if image.dtype.kind == 'u':

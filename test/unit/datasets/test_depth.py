@@ -443,6 +443,29 @@ def test_images_of_the_other_kind(tmp_path: Path, capsys: Output, option: str, e
         assert sentence in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('encoding', ['16UC3', '16SC1', '64FC1', '8UC2', '32FC3'])
+@pytest.mark.parametrize('option', ['--depth', '--image'])
+def test_images_without_a_place(
+        tmp_path: Path, capsys: Output, option: str, encoding: str) -> None:
+    kind = find_encoding(encoding)
+    image = np.zeros((16, 16, kind.channels)[:2 + (kind.channels > 1)], kind.dtype)
+    write_mcap(tmp_path / 'a.mcap', with_definitions([entry(0, image, encoding)]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', option, f'wrist={TOPIC}') == 1
+    printed = capsys.readouterr().err
+    assert encoding in printed and 'use --image' not in printed
+    assert ('--image takes colours and mono8, --depth takes 16UC1, mono16 and 32FC1; publish '
+            'other images as one of these, or leave the topic out') in printed
+
+
+@pytest.mark.parametrize('option', ['--depth', '--image'])
+def test_unknown_encoding_has_a_remedy(tmp_path: Path, capsys: Output, option: str) -> None:
+    message = entry(0, np.zeros((16, 16), np.uint8), 'mono8')
+    message = message._replace(data=message.data.replace(b'mono8', b'mono9'))
+    write_mcap(tmp_path / 'a.mcap', with_definitions([message]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', option, f'wrist={TOPIC}') == 1
+    assert 'Unrecognized image encoding [mono9]; --image takes colours' in capsys.readouterr().err
+
+
 def png_entry(number: int, image: Image, format_text: str) -> Entry:
     """Return a compressed image without the header of depth, a JPEG for 8 bits."""
     suffix = '.png' if image.dtype == np.uint16 else '.jpg'
