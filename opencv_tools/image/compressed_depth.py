@@ -195,9 +195,14 @@ def read_depth(
                              f'and {image.ndim} dimensions')
     else:
         image = decode_rvl(content[_HEAD.size + _SIZE.size:], width * height)
+    if depth_encoding(format_text) != '32FC1':
+        return image.reshape(height, width), None
     _, numerator, offset = _HEAD.unpack_from(content)
-    is_float = depth_encoding(format_text) == '32FC1'
-    return image.reshape(height, width), Quantisation(numerator, offset) if is_float else None
+    # The least number of a depth is 1.
+    if not (0 < numerator < np.inf and -np.inf < offset < 1):
+        raise CodecError(f'an image of depth has the quantisation {numerator:g} and {offset:g}, '
+                         'which gives no depths in metres: the camera has to send other ones')
+    return image.reshape(height, width), Quantisation(numerator, offset)
 
 
 def write_depth(

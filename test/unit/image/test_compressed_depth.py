@@ -106,6 +106,19 @@ def test_depths_without_a_number() -> None:
     assert Quantisation.up_to(4.9, 37.0).stored(np.float32([[5, 4.8]])).tolist() == [[0, 6]]
 
 
+@pytest.mark.parametrize(('numerator', 'offset'), [
+    (-10100, -1009), (10100, 5), (10100, 1), (10100, 70_000), (0, 0), (np.nan, 0), (np.inf, 0),
+    (10100, np.nan), (10100, -np.inf), (-1e-40, 0)])
+@pytest.mark.parametrize('codec', DEPTH_CODECS)
+def test_hostile_quantisation(numerator: float, offset: float, codec: str) -> None:
+    content, format_text = encode_depth(np.full((3, 4), 2, np.float32), '32FC1', codec)
+    changed = struct.pack('<iff', 0, numerator, offset) + content[12:]
+    with pytest.raises(CodecError, match='which gives no depths in metres'):
+        decode_compressed(changed, format_text)
+    image, _ = decode_compressed(changed, format_text.replace('32FC1', '16UC1'))
+    assert image.dtype == np.uint16  # it has no quantisation
+
+
 @pytest.mark.parametrize('codec', DEPTH_CODECS)
 @pytest.mark.parametrize('dtype', ['uint16', '>u2', 'float32'])
 def test_bridge_both_ways(codec: str, dtype: str) -> None:
