@@ -28,6 +28,8 @@ from opencv_tools.base.progress import Progress
 from opencv_tools.base.rate_limit import MAX_RATE
 from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.frames.node import FrameNode, ImageFunction
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.picture_formats import reduction
 from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
@@ -103,6 +105,10 @@ class ImageFilter(FrameNode):
                 f'{self._publisher.topic_name} has none', once='no subscribers')
             self._progress.tick('not filtered without subscribers', **self._lost())
             return
+        lost = reduction(find_encoding(frame.raw_encoding), find_encoding(frame.encoding))
+        if lost:
+            self._log.warning(f'{lost}, as the parameter encoding has it; an empty encoding gives '
+                              'them to the function as they are', once='encoding')
         try:
             self._function.publish(frame, self._publisher)
         except Exception as err:  # noqa: B902 (the function may raise anything)

@@ -358,6 +358,21 @@ def test_function_without_subscribers(start: Start, tmp_path: Path) -> None:
     assert summary and summary[1] == summary[2]
 
 
+@pytest.mark.parametrize('encoding', ['bgr8', "''"])
+def test_filter_that_loses_bits(start: Start, node: Node, encoding: str) -> None:
+    (results,) = receive(node, 'filtered_frames')
+    start('img_publisher', source='pattern:64x48@20', publish_rate=0.0, encoding='mono16')
+    filtering = start('img_filter', function='cv2:flip', arguments='1', encoding=encoding)
+    spin_until(node, lambda: len(results) >= 3)
+    filtering.interrupt()
+    assert filtering.finish() == 0
+    assert filtering.output.count(
+        'mono16 images lose 8 bits in bgr8, as the parameter encoding has it; an empty encoding '
+        'gives them to the function as they are') == (encoding == 'bgr8')
+    assert {image.dtype.name for image in results.values()} == {
+        'uint8' if encoding == 'bgr8' else 'uint16'}
+
+
 def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:
     (results,) = receive(node, 'filtered_frames')
     start('img_publisher', source='pattern:64x48@20', publish_rate=0.0)
