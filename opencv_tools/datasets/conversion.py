@@ -18,29 +18,33 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import asdict
 import os
 from pathlib import Path
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import MAX_PATH, printable
+from opencv_tools.datasets.depth import codes_of, DepthImages
 from opencv_tools.datasets.episodes import check_bags, episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, remove_part, working_parts
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
-from opencv_tools.datasets.plan import ACTION, IMAGES, Plan
+from opencv_tools.datasets.pictures import row_pictures
+from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
 from opencv_tools.datasets.row_values import shortened
 from opencv_tools.datasets.rows import match
 from opencv_tools.datasets.set_writing import topic_lines, write_set
 from opencv_tools.datasets.shards import write_shard
 from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
+from opencv_tools.datasets.videos import check_depth_size
 
 
 def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
     """
-    Yield lines about a bag.
+    Yield lines about a bag, whose first picture of each camera is tried.
 
     :param plan: plan with the names of all numbers.
     :raises DatasetError: the bag cannot be converted by the plan.
@@ -59,6 +63,13 @@ def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
         uses.setdefault(plan.episodes.topic, []).append('begin and end of episodes')
     kept = shortened(plan, episodes)
     rows = [len(one.times) for one in kept]
+    for camera, _ in plan.images if any(rows) else ():
+        with closing(row_pictures(plan, recording, camera, kept)) as pictures:
+            _, picture = next(pictures)
+        if camera in plan.depth:
+            codes = DepthImages(camera, codes_of(plan)).read(picture)
+            if plan.format == LEROBOT:
+                check_depth_size(codes)
     yield f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes'
     for found, count in sorted(bag.topics.items(), key=lambda pair: pair[0].name):
         use = ' and '.join(uses.get(found.name, ['not used']))

@@ -46,6 +46,18 @@ _LEAST_PREDICTED = 64  # width in pixels
 _LEAST_SIDE = 16  # of depth, in pixels
 
 
+def check_depth_size(codes: NDArray[Any]) -> None:
+    """
+    Check that a video can have codes of depth, (h, w).
+
+    :raises DatasetError: there are too few pixels a side.
+    """
+    if min(codes.shape) < _LEAST_SIDE:
+        raise DatasetError(
+            f'depth of {codes.shape[1]}x{codes.shape[0]} is too small for HEVC, which needs '
+            f'{_LEAST_SIDE} pixels a side: use --format parquet or webdataset')
+
+
 class VideoFileWriter:
     """Writer of a video of one camera."""
 
@@ -90,10 +102,8 @@ class VideoFileWriter:
         :raises DatasetError: the frame cannot be encoded.
         """
         import av
-        if self._is_depth and min(image.shape) < _LEAST_SIDE:
-            raise DatasetError(
-                f'depth of {image.shape[1]}x{image.shape[0]} is too small for HEVC, which needs '
-                f'{_LEAST_SIDE} pixels a side: use --format parquet or webdataset')
+        if self._is_depth:
+            check_depth_size(image)
         try:
             if number != self._last[0]:
                 self._last = number, (_depth_frame(image) if self._is_depth else

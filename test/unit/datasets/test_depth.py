@@ -140,9 +140,12 @@ def test_noise_of_narrow_pictures_has_no_losses(
 def test_depth_too_small_for_hevc(tmp_path: Path, capsys: Output, size: tuple[int, int]) -> None:
     write_mcap(tmp_path / 'a.mcap', with_definitions(
         [entry(number, np.full(size, 900, np.uint16)) for number in range(3)]))
-    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 1
-    assert (f'depth of {size[1]}x{size[0]} is too small for HEVC, which needs 16 pixels a side: '
-            'use --format parquet or webdataset') in capsys.readouterr().err
+    for words in ((), ('--dry-run',)):
+        assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH, *words) == 1
+        assert (f'depth of {size[1]}x{size[0]} is too small for HEVC, which needs 16 pixels a '
+                'side: use --format parquet or webdataset') in capsys.readouterr().err
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'table', *DEPTH, '--dry-run',
+                   form='parquet') == 0
     assert convert(tmp_path / 'a.mcap', tmp_path / 'table', *DEPTH, form='parquet') == 0
 
 
@@ -437,8 +440,8 @@ def test_images_of_the_other_kind(tmp_path: Path, capsys: Output, option: str, e
     kind = find_encoding(encoding)
     image = np.zeros((16, 16, 3)[:2 + (kind.channels > 1)], kind.dtype)
     write_mcap(tmp_path / 'a.mcap', with_definitions([entry(0, image, encoding)]))
-    for form in ('lerobot', 'parquet'):
-        assert convert(tmp_path / 'a.mcap', tmp_path / 'set', option, f'wrist={TOPIC}',
+    for form, *words in (('lerobot',), ('parquet',), ('lerobot', '--dry-run')):
+        assert convert(tmp_path / 'a.mcap', tmp_path / 'set', option, f'wrist={TOPIC}', *words,
                        form=form) == 1
         assert sentence in capsys.readouterr().err
 
