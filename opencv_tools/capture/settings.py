@@ -22,7 +22,7 @@ import math
 from opencv_tools.base.parameter_fields import parameter, rate_parameter
 from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.v4l2.modes import CameraRequest
-from opencv_tools.image.compressed_depth import DEPTH_CODECS
+from opencv_tools.image.compressed_depth import DEPTH_CODECS, FARTHEST
 from opencv_tools.image.orientation import FLIPS, ROTATIONS
 from opencv_tools.image.picture_formats import COMPRESSED_FORMATS
 
@@ -74,7 +74,7 @@ class CaptureSettings(CameraRequest):
         'which is faster', choices=DEPTH_CODECS, changeable=True)
     depth_max: float = parameter(
         10.0, 'Depth in metres up to which video_frames/compressedDepth has 32FC1 images; what is '
-        'farther becomes NaN', bounds=(0.1, 1e4), changeable=True)
+        'farther becomes NaN', bounds=FARTHEST, changeable=True)
     read_timeout: float = parameter(
         2.0, 'Seconds without a frame after which a camera or stream is reopened',
         bounds=(0.1, 1e6), changeable=True)

@@ -68,13 +68,16 @@ class FramePublisher:
         :param compressed_format: ``'auto'``: JPEG, or PNG for images that JPEG would reduce to 8
             bits without alpha. ``'jpeg'`` reduces them, ``'png'`` is lossless.
         :param depth: codec and largest depth of ``<topic>/compressedDepth``.
-        :raises ParameterError: the name of the topic, the quality, the format or the video is
-            invalid, or the ``qos_overrides`` parameters of the topic cannot be used.
+        :raises ParameterError: the name of the topic, the quality, the format, the video or the
+            depth is invalid, or the ``qos_overrides`` parameters of the topic cannot be used.
         """
         if type(quality) is not int or not 1 <= quality <= 100:
             raise ParameterError(f'quality is {quality!r}: give a number from 1 to 100')
         if not isinstance(video, VideoSettings | None):
             raise ParameterError(f'video is {video!r}: give VideoSettings(), or None for no video')
+        if not isinstance(depth, DepthSettings):
+            raise ParameterError(f'depth is {depth!r}: give DepthSettings(), such as '
+                                 "DepthSettings('rvl', 20.0)")
         try:
             if video:
                 check_encoder(video)

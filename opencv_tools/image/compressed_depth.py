@@ -24,6 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 import struct
 from typing import Any
 
@@ -37,6 +38,8 @@ from opencv_tools.image.rvl import decode_rvl, encode_rvl
 COMPRESSED_DEPTH = 'compressedDepth'
 #: Codecs of depth; the first one is the default of compressed_depth_image_transport.
 DEPTH_CODECS = ('png', 'rvl')
+#: Least and largest depth in metres up to which floats may be stored.
+FARTHEST = (0.1, 1e4)
 #: Encodings that have a compressed form.
 DEPTH_ENCODINGS = ('16UC1', 'mono16', '32FC1')
 
@@ -107,9 +110,11 @@ class DepthSettings:
         if self.codec not in DEPTH_CODECS:
             raise ValueError(
                 f'the codec of depth is {self.codec!r}: give one of {", ".join(DEPTH_CODECS)}')
-        if not 0 < self.farthest < np.inf:
+        low, high = FARTHEST
+        is_number = isinstance(self.farthest, Real) and not isinstance(self.farthest, bool)
+        if not is_number or not low <= self.farthest <= high:
             raise ValueError(
-                f'the largest depth is {self.farthest!r}: give a positive number of metres')
+                f'the largest depth is {self.farthest!r}: give {low:g} to {high:g} metres')
 
 
 #: The settings of compressed_depth_image_transport.

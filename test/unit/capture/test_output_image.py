@@ -346,6 +346,8 @@ def test_format_of_compressed_images_of_a_bag(stored: str, wanted: str, is_kept:
 
 def test_settings_of_depth() -> None:
     assert DepthSettings() == DepthSettings('png', 10.0)
-    for settings in ({'codec': 'jpeg'}, {'farthest': 0}, {'farthest': float('nan')}):
+    assert DepthSettings('rvl', np.float32(20)).farthest == 20
+    for settings in ({'codec': 'jpeg'}, {'codec': 3}, {'codec': ['png']}, *(
+            {'farthest': far} for far in (0, float('nan'), 1e9, 0.09, True, 'x', None, 1j))):
         with pytest.raises(ValueError, match=r'depth is .*: give '):
             DepthSettings(**settings)

@@ -358,6 +358,10 @@ def test_refused_quality(node: Node, quality: object) -> None:
 
 
 def test_invalid_video(node: Node) -> None:
+    for depth in ('rvl', None, 20.0):
+        with pytest.raises(ParameterError, match=(
+                rf"depth is {depth!r}: give DepthSettings\(\), such as DepthSettings\('rvl', 20")):
+            FramePublisher(node, 'image', depth=depth)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match=r'video is True: give VideoSettings\(\), or None'):
         FramePublisher(node, TOPIC, video=True)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="codec is 'foo': the installed PyAV has no such"):
