@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 import math
 import sys
@@ -102,6 +102,15 @@ def integer(text: str, least: int = 0, most: int | None = None) -> int:
 
 
 positive = partial(integer, least=1)
+
+
+def with_range(words: Sequence[str], option: str) -> list[str]:
+    """Return arguments in which a range may begin with -, which argparse takes for an option."""
+    joined = [*words]
+    if option in joined[:-1]:
+        at = joined.index(option)
+        joined[at:at + 2] = ['='.join(joined[at:at + 2])]
+    return joined
 
 
 def number_range(text: str) -> tuple[float, float]:

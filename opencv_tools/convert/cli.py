@@ -25,7 +25,8 @@ from collections.abc import Sequence
 import sys
 
 from opencv_tools.base.arguments import (
-    COLORS, CommandParser, integer, INTERRUPTED, number_range, positive, run_command)
+    COLORS, CommandParser, integer, INTERRUPTED, number_range, positive, run_command,
+    with_range)
 from opencv_tools.base.signals import end_at_signals
 from opencv_tools.datasets.cli import is_for_datasets, main as convert_to_dataset
 
@@ -41,22 +42,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else argv
     if is_for_datasets(arguments):
         return convert_to_dataset(arguments)
-    options = _parser().parse_args(_with_range(arguments))
+    options = _parser().parse_args(with_range(arguments, '--range'))
 
     def run() -> int:
         from opencv_tools.convert.convert import convert, ConvertRequest
         return convert(ConvertRequest(**vars(options)))
 
     return run_command('img_convert', run)
-
-
-def _with_range(words: Sequence[str]) -> list[str]:
-    """Return arguments in which a range may begin with -, which argparse takes for an option."""
-    joined = [*words]
-    if '--range' in joined[:-1]:
-        at = joined.index('--range')
-        joined[at:at + 2] = ['='.join(joined[at:at + 2])]
-    return joined
 
 
 def _parser() -> argparse.ArgumentParser:

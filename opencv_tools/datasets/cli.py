@@ -25,7 +25,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from opencv_tools.base.arguments import (
-    CommandParser, integer, number_range, positive, real, run_command)
+    CommandParser, integer, number_range, positive, real, run_command, with_range)
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import DEPTH_RANGE, FORMATS, LEROBOT
 
@@ -62,7 +62,7 @@ def main(argv: Sequence[str]) -> int:
     :returns: 0 on success, 1 if a bag or a set has errors or after an interrupt, 2 for invalid
         arguments.
     """
-    options = _parser().parse_args(argv)
+    options = _parser().parse_args(with_range(argv, '--depth-range'))
 
     def run_dataset() -> int:
         from opencv_tools.datasets.command import run

@@ -51,10 +51,13 @@ def plan_of(options: Namespace) -> Plan:
     if not images and not depth and not vectors:
         raise DatasetError('nothing is selected: give --image, --depth, --state, --action or '
                            '--vector')
-    if options.format != LEROBOT and (options.depth_range, options.depth_scale) != (
-            Plan.depth_range, Plan.depth_scale):
-        raise DatasetError(f'--depth-range and --depth-scale are for {LEROBOT}; PNG have '
-                           'millimetres')
+    if (options.depth_range, options.depth_scale) != (Plan.depth_range, Plan.depth_scale):
+        if options.format != LEROBOT:
+            raise DatasetError(f'--depth-range and --depth-scale are for {LEROBOT}; PNG have '
+                               'millimetres')
+        if not depth:
+            raise DatasetError('--depth-range and --depth-scale have an effect with --depth only: '
+                               'give --depth NAME=/topic, or leave them out')
     for option, text in (('--task', options.task), ('--robot', options.robot_type)):
         if not text.isprintable():
             raise DatasetError(f"{option} '{printable(text)}' is not a printable text")
