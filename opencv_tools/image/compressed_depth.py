@@ -250,5 +250,7 @@ def _check_codec(content: bytes, format_text: str) -> str:
     if (codec == 'png' and content.startswith(_PNG, _HEAD.size)) or (
             codec == 'rvl' and len(content) > _HEAD.size + _SIZE.size):
         return codec
+    reason = ('it is damaged or incomplete' if codec in DEPTH_CODECS else
+              'the camera has to use png or rvl')
     raise CodecError(f'{printable(format_text, 40)!r} of {len(content)} bytes is not an image of '
-                     'depth: the camera has to use png or rvl')
+                     f'depth: {reason}')

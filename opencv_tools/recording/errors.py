@@ -43,7 +43,7 @@ _MAX_REASON = 400  # characters
 _BURST = 10  # lines without a delay; then there is one per second
 # FFmpeg's errors have the form '[Errno 542398533] Generic error: 'detail'; last error log: ...'.
 _LIBRARY_ERROR = re.compile(r"\[Errno -?[0-9]+\] ([^:'\"]+)(?:: '.*)?", re.DOTALL)
-_FFMPEG_ERROR = re.compile(r'\[Errno -?[0-9]{5,}\]')
+_FFMPEG_ERROR = re.compile(r'frame cannot be encoded as .*\[Errno -?[0-9]{5,}\]', re.DOTALL)
 # A number or a size, but not a name such as bgr8 or 32FC1.
 _NUMBER = re.compile(r'\b[0-9]+(?:x[0-9]+)?\b')
 _NOT_LOGGED = '-'  # an outage whose reason was not logged
@@ -158,7 +158,7 @@ def plain_reason(reason: str) -> str:
     Return a reason as one printable line without internal details of a library.
 
     :param reason: sentence that may end with an error of FFmpeg.
-    :returns: the sentence with the text of the error, and a remedy for errors of FFmpeg.
+    :returns: the sentence with the text of the error, and a remedy for those of an encoder.
     """
     plain = _LIBRARY_ERROR.sub(lambda found: found[1].strip(), reason)
     if _FFMPEG_ERROR.search(reason):

@@ -176,6 +176,10 @@ class TopicDiscovery:
         topic = self._resolved_name(image_topic)
         publishers = self.node.get_publishers_info_by_topic(image_topic.name)
         offers = [info for info in publishers if info.topic_type == image_topic.type_name]
+        depth = [one.name for one in self._possible if one.is_depth and self.publishers(one)]
+        if offers and image_topic.is_video and depth:
+            return (f'{topic} has no frame, because depth has no video, and {depth[0]} has depth; '
+                    'set transport:=compressedDepth, or transport:=raw')
         if offers:
             return _describe_silent(topic, offers, qos)
         for published in self._possible:

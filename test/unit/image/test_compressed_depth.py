@@ -148,8 +148,9 @@ def test_bridge_refuses(image: NDArray[np.generic], format_text: str, reason: st
 @pytest.mark.parametrize('codec', [*DEPTH_CODECS, 'zstd'])
 def test_damaged_messages(content: bytes, codec: str) -> None:
     message = CompressedImage(format=f'16UC1; compressedDepth {codec}', data=[*content])
-    with pytest.raises(CvBridgeError):
+    with pytest.raises(CvBridgeError) as caught:
         CvBridge().compressed_imgmsg_to_cv2(message)
+    assert ('use png or rvl' in str(caught.value)) == (codec == 'zstd')
 
 
 @pytest.mark.parametrize('size', [(2**32 - 1, 2**32 - 1), (2**26, 1), (1, 2**31), (0, 7), (7, 0)])

@@ -123,6 +123,15 @@ def test_library_error_becomes_a_sentence_with_a_remedy() -> None:
         'size']
 
 
+def test_damaged_frame_of_a_source_has_no_remedy_for_the_target() -> None:
+    console = Console()
+    FailureLog(console).bad_frame(
+        'a frame was not read: frame 2 of a.mkv cannot be decoded: [Errno 1094995529] Invalid '
+        "data found when processing input: 'avcodec_send_packet()'")
+    assert console.lines == ['error: a frame was not read: frame 2 of a.mkv cannot be decoded: '
+                             'Invalid data found when processing input']
+
+
 def test_lines_are_printable_and_short() -> None:
     console = Console()
     failure_log = FailureLog(console)

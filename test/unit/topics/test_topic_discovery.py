@@ -96,6 +96,18 @@ def test_explanation_of_a_video_topic_without_frames(node: Node, camera: Node) -
         'receive them')
 
 
+def test_explanation_of_the_video_of_depth(node: Node, camera: Node) -> None:
+    topics = f'{TOPIC}/ffmpeg', f'{TOPIC}/compressedDepth'
+    for topic, kind in zip(topics, (message_type(FFMPEG_PACKET), CompressedImage)):
+        camera.create_publisher(kind, topic, RELIABLE)
+    discovery = TopicDiscovery(node, 'video_frames', 'video')
+    spin_until(node, lambda: all(map(node.count_publishers, topics)))
+    assert discovery.explain_no_frames(discovery.allowed[0], RELIABLE) == (
+        '/video_frames/ffmpeg has no frame, because depth has no video, and '
+        '/video_frames/compressedDepth has depth; set transport:=compressedDepth, or '
+        'transport:=raw')
+
+
 def test_order_of_transports(node: Node) -> None:
     for prefers_compressed, first in ((False, ('Image', 'CompressedImage')),
                                       (True, ('CompressedImage', 'Image'))):
