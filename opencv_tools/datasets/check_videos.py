@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
-from opencv_tools.datasets.depth import depth_points, DepthCodes, METRE
+from opencv_tools.datasets.depth import depth_points, DepthCodes, millimetres
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import INFO
 from opencv_tools.datasets.merge import FINGERPRINTS
@@ -67,19 +67,19 @@ class DepthFrames:
         """Sentence about an error above what the steps allow; '' without one."""
         allowed = self._codes.largest_error
         return '' if (self._error or 0.0) <= _ROUNDING * allowed else (
-            f'its depths differ from those of the bag by up to {METRE * (self._error or 0):.2f} '
-            f'mm, but the steps of {INFO} allow {METRE * allowed:.2f} mm')
+            f'its depths differ from those of the bag by up to {millimetres(self._error or 0)}, '
+            f'but the steps of {INFO} allow {millimetres(allowed)}')
 
     @property
     def description(self) -> str:
         """Depths of all frames in metres, and their largest error."""
         metres, used = self._codes.metres, np.flatnonzero(self._counts[1:]) + 1
-        steps = f'{METRE * self._codes.largest_error:.2f} mm'
+        steps = millimetres(self._codes.largest_error)
         return (f'depth of {metres[used[0]]:.3f} to {metres[used[-1]]:.3f} m' if len(used) else
                 'no depth') + (
             f', {self._counts[0]} of {self._counts.sum()} pixels without; ' + (
                 f'its steps allow errors of {steps}' if self._error is None else
-                f'the largest error of quantisation is {METRE * self._error:.2f} mm at 64 points '
+                f'the largest error of quantisation is {millimetres(self._error)} at 64 points '
                 f'of each row, and the steps allow {steps}'))
 
 

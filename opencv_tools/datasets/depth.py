@@ -101,6 +101,11 @@ class DepthCodes:
         return np.clip(depths, self.low, self.high).astype(np.float32)
 
     @property
+    def nearest(self) -> float:
+        """Depth in metres below which a pixel becomes the nearest depth that is stored."""
+        return self.low or float(self.metres[1])
+
+    @property
     def largest_error(self) -> float:
         """Largest error in metres of a depth from ``low`` to ``high``."""
         return float(max(self.metres[1] - self.metres[0], (self.metres[-1] - self.metres[-2]) / 2))
@@ -120,7 +125,7 @@ class DepthCodes:
 
     def errors(self, depth: NDArray[np.float32], codes: NDArray[np.uint16]) -> NDArray[np.float32]:
         """Return the errors in metres of codes of depths; 0 outside of the range."""
-        is_inside = (depth > 0) & (depth >= self.low) & (depth <= self.high)
+        is_inside = (depth > 0) & (depth >= self.nearest) & (depth <= self.high)
         return np.abs(self.metres[codes] - np.where(is_inside, depth, self.metres[codes]))
 
     def _place(self, depth: float) -> float:
@@ -172,7 +177,7 @@ class DepthImages:
         has_depth = depth > 0
         account['pixels'] += depth.size
         account['none'] += int(depth.size - np.count_nonzero(has_depth))
-        account['nearer'] += int(np.count_nonzero(has_depth & (depth < codes.low)))
+        account['nearer'] += int(np.count_nonzero(has_depth & (depth < codes.nearest)))
         account['farther'] += int(np.count_nonzero(depth > codes.high))
         account['largest_error'] = max(account['largest_error'],
                                        float(codes.errors(depth, self._numbers).max()))
@@ -181,10 +186,16 @@ class DepthImages:
     @property
     def warnings(self) -> list[str]:
         """Return a sentence about the pixels that are nearer, and about those that are farther."""
-        limits = {'nearer': self._codes.low, 'farther': self._codes.high}
+        limits = {'nearer': self._codes.nearest, 'farther': self._codes.high}
         return [f'{self._name}: {self.account[key]} of {self.account["pixels"]} pixels are {key} '
                 f'than {limit:g} m, and become the nearest depth that is stored'
                 for key, limit in limits.items() if self.account[key]]
+
+
+def millimetres(metres: float) -> str:
+    """Return a length as text, such as ``2.22 mm``, of which no more than 0 becomes 0.00."""
+    value = METRE * metres
+    return f'{value:.2f} mm' if not 0 < value < 0.1 else f'{value:.2g} mm'
 
 
 def depth_points(image: NDArray[Any]) -> NDArray[Any]:

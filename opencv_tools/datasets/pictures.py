@@ -64,7 +64,8 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
                     reason = picture
                 elif picture.size != (size or picture.size):
                     raise DatasetError(f'{name} changes its size from {size} to {picture.size}; '
-                                       'all pictures of a camera must have one size')
+                                       'all pictures of a camera must have one size: make one '
+                                       'set for each size, by the times in --episodes TABLE.csv')
                 else:
                     shown, size = (sample, picture), picture.size
             if shown is None:

@@ -22,7 +22,7 @@ from typing import Any
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import MAX_PATH, printable
-from opencv_tools.datasets.depth import METRE
+from opencv_tools.datasets.depth import millimetres
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
 from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
@@ -55,10 +55,10 @@ def depth_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     for name in parts[0].get('depth', {}):
         found = [part['depth'][name] for part in parts]
         sums = {key: sum(one[key] for one in found) for key in found[0]}
-        worst = max(one['largest_error'] for one in found) * METRE
+        worst = max(one['largest_error'] for one in found)
         lines.append(f'{printable(name)}: {sums["none"]} of {sums["pixels"]} pixels have no '
                      f'depth, {sums["nearer"]} are nearer and {sums["farther"]} farther than '
-                     f'stored; the largest error of the others is {worst:.2f} mm')
+                     f'stored; the largest error of the others is {millimetres(worst)}')
     return lines
 
 

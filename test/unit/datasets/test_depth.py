@@ -30,7 +30,7 @@ from dataset_sets import CAMERA, convert, info_of, rows_of
 import numpy as np
 from opencv_tools.bags.schemas import COMPRESSED_IMAGE
 from opencv_tools.convert.cli import main
-from opencv_tools.datasets.depth import depth_points, DepthCodes
+from opencv_tools.datasets.depth import depth_points, DepthCodes, millimetres
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.image.cdr import (
     compressed_image_to_cdr, image_to_cdr, WireCompressedImage, WireHeader)
@@ -245,7 +245,8 @@ def test_png_in_millimetres(tmp_path: Path, form: str, capsys: Output) -> None:
     pngs = read_pngs(made(tmp_path, images, form=form), form)
     assert [png.dtype for png in pngs] == [np.uint16] * 3
     assert all((png == image).all() for png, image in zip(pngs, images, strict=True))
-    assert 'largest error of the others is 0.00 mm' in capsys.readouterr().err
+    printed = capsys.readouterr().err
+    assert 'largest error of the others is 0.00 mm' in printed and 'nearest depth' not in printed
 
 
 def test_png_of_metres(tmp_path: Path, capsys: Output) -> None:
@@ -255,7 +256,16 @@ def test_png_of_metres(tmp_path: Path, capsys: Output) -> None:
     assert png[0, :6].tolist() == [0, 0, 1, 65_500, 65_535, 65_535] and (png[1:] == 1234).all()
     printed = capsys.readouterr().err
     assert '2 of 72 pixels are farther than 65.535 m' in printed
-    assert 'largest error of the others is 0.80 mm' in printed
+    assert '1 of 72 pixels are nearer than 0.001 m, and become the nearest depth' in printed
+    assert '1 are nearer and 2 farther' in printed
+    assert 'largest error of the others is 0.40 mm' in printed
+
+
+@pytest.mark.parametrize(('metres', 'text'), [
+    (0, '0.00 mm'), (2.2236e-3, '2.22 mm'), (2.2e-6, '0.0022 mm'), (1.2, '1200.00 mm'),
+    (1e-9, '1e-06 mm'), (9.99e-5, '0.1 mm'), (1e-4, '0.10 mm')])
+def test_text_of_a_small_error(metres: float, text: str) -> None:
+    assert millimetres(metres) == text
 
 
 def check(folder: Path, capsys: Output) -> tuple[int, str]:
@@ -531,7 +541,9 @@ def test_depth_that_changes_its_size(tmp_path: Path, capsys: Output) -> None:
     write_mcap(tmp_path / 'a.mcap', with_definitions(
         [entry(0, picture(0)), entry(1, picture(1, 24, 32))]))
     assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 1
-    assert 'wrist_depth changes its size from (64, 48) to (32, 24)' in capsys.readouterr().err
+    assert ('wrist_depth changes its size from (64, 48) to (32, 24); all pictures of a camera '
+            'must have one size: make one set for each size, by the times in --episodes TABLE.csv'
+            ) in capsys.readouterr().err
 
 
 def test_damaged_compressed_depth_repeats_the_last(tmp_path: Path, capsys: Output) -> None:
