@@ -42,7 +42,8 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
     :param episodes: rows of each episode.
     :returns: an iterator over the number of the sample that is shown and its picture, whose
         ``image`` is (h, w, 3) BGR, or (h, w) for depth. A picture that
-        cannot be decoded is replaced by the one before.
+        cannot be decoded is replaced by the one before; the reason of the first one becomes a
+        warning of the recording.
     :raises DatasetError: no picture can be decoded before the first row, or for too long, a
         picture cannot be converted, or its size is another one.
     """
@@ -61,6 +62,9 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
             if sample != current:
                 current, picture = sample, _next(pictures)
                 if isinstance(picture, str):
+                    if not reason:
+                        recording.warnings.append(f'{name}: message {track.messages[sample]} '
+                                                  f'cannot be decoded: {picture}')
                     reason = picture
                 elif picture.size != (size or picture.size):
                     raise DatasetError(f'{name} changes its size from {size} to {picture.size}; '

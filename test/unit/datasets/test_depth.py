@@ -460,6 +460,20 @@ def test_images_of_the_other_kind(tmp_path: Path, capsys: Output, option: str, e
         assert sentence in capsys.readouterr().err
 
 
+@pytest.mark.parametrize('form', ['lerobot', 'webdataset'])
+def test_topic_that_changes_to_depth(tmp_path: Path, capsys: Output, form: str) -> None:
+    colours = np.full((48, 64, 3), 90, np.uint8)
+    write_mcap(tmp_path / 'a.mcap', with_definitions(
+        [entry(number, colours, 'bgr8') for number in range(3)]
+        + [entry(number, picture(number)) for number in range(3, 6)]))
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', '--image', f'wrist={TOPIC}',
+                   form=form) == 0
+    printed = capsys.readouterr().err
+    assert printed.count('wrist: message 3 cannot be decoded: 16UC1 has more than 8 bits a pixel; '
+                         'if it is depth, use --depth') == 1
+    assert 'wrist: 3 pictures cannot be decoded, so rows repeat those before them' in printed
+
+
 @pytest.mark.parametrize('encoding', ['16UC3', '16SC1', '64FC1', '8UC2', '32FC3'])
 @pytest.mark.parametrize('option', ['--depth', '--image'])
 def test_images_without_a_place(
