@@ -226,9 +226,10 @@ class _EncodedStream(WrittenVideo[VideoFrame]):
         slices = 1 if width <= _UNSLICED[0] and height <= _UNSLICED[1] else _SLICES
         codec, options = ('ffv1', {**_LOSSLESS_OPTIONS, 'slices': str(slices)}) if encoding else (
             'libx264', {**_OPTIONS, 'crf': str(self._crf)})
-        self._stream = container.add_stream(codec, rate=_NOMINAL_RATE, options=options)
-        if encoding:
-            self._stream.metadata.update(lossless_tags(encoding))
+        # Matroska has no rate if it is negative, so that players take that of the times.
+        self._stream = container.add_stream(
+            codec, rate=-1 if encoding else _NOMINAL_RATE, options=options)
+        self._stream.metadata.update(lossless_tags(encoding) if encoding else {})
         context = self._stream.codec_context
         context.width, context.height, context.pix_fmt = width, height, pixels
         context.time_base = Fraction(1, ticks)

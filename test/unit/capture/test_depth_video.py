@@ -146,7 +146,7 @@ def test_skipped_frames(tmp_path: Path) -> None:
     frame = source.read()
     assert frame and (frame.image == depth(2)).all()
     assert [source.skip(), source.skip()] == [True, False]
-    assert source.description == 'gray16le 90x70 at 30 Hz'
+    assert source.description == 'gray16le 90x70 at 25 Hz'
 
 
 @pytest.mark.parametrize('suffix', ['mkv', 'avi', 'nut'])
@@ -185,11 +185,23 @@ def test_file_of_the_command_ffmpeg(tmp_path: Path) -> None:
          '-', '-c:v', 'ffv1', tmp_path / 'a.mkv'], input=np.stack(images).tobytes(), check=True,
         timeout=LONGEST_SECONDS)
     np.testing.assert_array_equal(read_all(opened(tmp_path / 'a.mkv')), images)
-    read = subprocess.run(
-        ['ffmpeg', '-v', 'error', '-i', write(tmp_path / 'b.mkv', images), '-f', 'rawvideo',
-         '-pix_fmt', 'gray16le', '-fps_mode', 'passthrough', '-'], capture_output=True, check=True,
-        timeout=LONGEST_SECONDS)
-    assert read.stdout == np.stack(images).tobytes()
+    for step_ns in (33_333_333, 40_000_000, 143_000_000):
+        path = write(tmp_path / f'{step_ns}.mkv', images, step_ns=step_ns)
+        read = subprocess.run(
+            ['ffmpeg', '-v', 'error', '-i', path, '-f', 'rawvideo', '-pix_fmt', 'gray16le', '-'],
+            capture_output=True, check=True, timeout=LONGEST_SECONDS)
+        assert read.stdout == np.stack(images).tobytes()
+        pictures = tmp_path / f'{step_ns}'
+        pictures.mkdir()
+        subprocess.run(['ffmpeg', '-v', 'error', '-i', path, pictures / '%03d.png'], check=True,
+                       timeout=LONGEST_SECONDS)
+        assert len([*pictures.iterdir()]) == len(images)
+
+
+@pytest.mark.parametrize('step_ns', [33_333_333, 40_000_000, 143_000_000])
+def test_rate_is_that_of_the_times(tmp_path: Path, step_ns: int) -> None:
+    source = opened(write(tmp_path / 'a.mkv', [depth(1)] * 9, step_ns=step_ns))
+    assert source.rate == pytest.approx(1e9 / step_ns, rel=0.02)
 
 
 def write_frames(path: Path, codec: str, images: list[np.ndarray], pixels: str) -> Path:
