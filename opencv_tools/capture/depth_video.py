@@ -45,15 +45,20 @@ def deep_pixels(path: Path, capture: cv2.VideoCapture) -> str:
     Return the pixel format of an open video with more than 8 bits a channel; '' for others.
 
     :returns: name of FFmpeg; without PyAV ``'gray16le'`` for any gray, or a description.
+    :raises CaptureError: its pictures are too large.
     """
     tag = int(capture.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)) & 0xffffffff
     text = tag.to_bytes(4, 'little')
     if text in _EIGHT_BITS:
         return ''
     try:
+        check_size(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
+                   int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), MAX_PIXELS)
         av = import_av()
         with av.open(f'file:{path}', metadata_errors='replace') as container:
             pixels = container.streams.video[0].codec_context.format
+    except SizeError as err:
+        raise CaptureError(f'{printable(path, MAX_PATH)} cannot be read: {err}') from err
     except VideoError:
         return LOSSLESS_PIXELS if _GRAY_TAG in (text[:3], text[:0:-1]) else 'an unknown format'
     except (av.error.FFmpegError, OSError, LookupError):
@@ -78,20 +83,17 @@ class DepthVideoSource:
 
         :param capture: the file as OpenCV has opened it; it is closed.
         :param pixels: its format by ``deep_pixels``, for which ``is_gray`` is true.
-        :raises CaptureError: PyAV is not installed, or the pictures are too large.
+        :raises CaptureError: PyAV is not installed.
         """
         self.name = printable(path, MAX_PATH)
         self.rate, self.count = video_rate(capture), frame_count(capture)
         self.description = f'{pixels} {describe_video(capture)}'
-        size = (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)),
-                int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         capture.release()
         self._path, self._pixels = path, pixels
         self._container: Any = None
         try:
-            check_size(*size, MAX_PIXELS)
             self._av = import_av()
-        except (SizeError, VideoError) as err:
+        except VideoError as err:
             raise CaptureError(f'{self.name} cannot be read: {err}') from err
         self.rewind()
 

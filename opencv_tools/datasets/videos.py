@@ -38,6 +38,7 @@ from opencv_tools.video.settings import import_av
 CODEC, PIXELS = 'h264', 'yuv420p'
 #: Depth: codes of 12 bits without losses.
 DEPTH_CODEC, DEPTH_PIXELS, LOSSLESS = 'hevc', 'gray12le', 'lossless=1'
+_CODECS = 'h264', 'hevc', 'av1', 'vp8', 'vp9'
 #: Frames from one key frame to the next. Training reads single frames, so few are decoded for one.
 KEY_INTERVAL = 2
 PRESET = 'superfast'
@@ -198,7 +199,9 @@ def codec_name(name: str) -> str:
     import av
     for mode in ('r', 'w'):
         with suppress(ValueError):
-            return str(av.codec.Codec(name, mode).canonical_name)
+            codec: Any = av.codec.Codec(name, mode)
+            names = {av.codec.Codec(one, 'r').id: one for one in _CODECS}  # for PyAV 12
+            return str(getattr(codec, 'canonical_name', names.get(codec.id, name)))
     return name
 
 

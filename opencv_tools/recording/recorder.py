@@ -217,7 +217,8 @@ class Recorder(Generic[P]):
         self._queue: WriteQueue[_Job] = WriteQueue(queue_size, block)
         self._queue_size = queue_size
         self._failure_log = FailureLog(log)
-        self._ordering, self._counting = Lock(), Lock()
+        self._ordering = Lock()
+        self._counting = Lock()
         self._out_of_order: dict[int, tuple[_Job, P | Exception]] = {}
         self._next_sequence = 0
         self._threads = [
