@@ -338,7 +338,7 @@ def test_parameter_page_is_in_the_help(name: str) -> None:
     words = ' '.join(' '.join(lines[1:]).split())
     for title, kind, default, values, changes, description in rows:
         if values.startswith('[encodings]'):
-            values = ', '.join((*ENCODINGS, "''"))
+            values = ', '.join((*ENCODINGS, '16UC1', "''"))
         facts = f'{kind}: {values}' if values else kind
         at_run_time = '; at run time' if changes == 'yes' else ''
         start = f'{title} {description} {facts} [{default}]{at_run_time}'.replace('`', '')
