@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 import json
 import os
@@ -42,8 +42,8 @@ from opencv_tools.datasets.part import bag_state, FINGERPRINT, is_done, PART, RO
 from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures
 from opencv_tools.datasets.plan import IMAGES, LEROBOT, Plan, STAMPS
 from opencv_tools.datasets.row_values import (
-    row_numbers, row_stamps, row_vectors, shortened, shown_rows)
-from opencv_tools.datasets.rows import match, Rows
+    row_numbers, row_stamps, row_vectors, shortened, shown_rows, topic_accounts, unused_topics)
+from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.sample_files import write_samples
 from opencv_tools.datasets.statistics import (
     ImageStatistics, numbers_statistics, sampled_rows, Statistics)
@@ -222,8 +222,8 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1)
         text = json.dumps({
             'bag': name, 'state': state, 'plan': plan.digest, 'fps': plan.fps,
             'robot_type': plan.robot_type, 'format': plan.format, 'warnings': recording.warnings,
-            'topics': {key: asdict(match(track.times, kept, key))
-                       for key, track in recording.tracks.items()}, **described})
+            'topics': topic_accounts(recording, shortened(plan, episodes), kept),
+            'unused': unused_topics(recording, plan), **described})
         (work / PART).write_text(text)
         _publish(work, target, plan, state)
     finally:

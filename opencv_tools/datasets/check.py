@@ -27,7 +27,9 @@ from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.datasets.check_videos import DepthFrames, has_fingerprints, video_problems
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
+from opencv_tools.datasets.merge import SOURCES
 from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
+from opencv_tools.datasets.set_writing import COUNTS, topic_lines
 
 _MOST_PROBLEMS = 20
 
@@ -36,10 +38,12 @@ def check_set(folder: Path, log: Log) -> bool:
     """Log what is wrong with a data set, or what it has; return whether it is right."""
     problems: list[str] = []
     depths: dict[str, DepthFrames] = {}
+    account: list[str] = []
     try:
         reader = SetReader(folder)
         episodes = reader.episodes()
         problems += row_problems(reader, episodes)
+        problems += account_problems(reader, account)
         problems += video_problems(reader, episodes, depths)
     except DatasetError as err:
         problems.append(str(err))
@@ -48,6 +52,8 @@ def check_set(folder: Path, log: Log) -> bool:
     if problems:
         log.error(f'{printable(folder, MAX_PATH)} has {len(problems)} errors')
         return False
+    for line in account:
+        log.info(line)
     for key, found in depths.items():
         log.info(f'{printable(key)}: {found.description}')
     videos = enumerated([printable(key) for key in reader.video_keys]) or 'no videos'
@@ -57,6 +63,27 @@ def check_set(folder: Path, log: Log) -> bool:
     log.info(f'{printable(folder, MAX_PATH)} is complete: {len(episodes)} episodes, '
              f'{episodes[-1]["dataset_to_index"]} rows, {videos}{pictures}')
     return True
+
+
+def account_problems(reader: SetReader, lines: list[str]) -> Iterator[str]:
+    """
+    Yield what is wrong with the account of the messages of the bags, if there is one.
+
+    :param lines: list to which the sentences of the account are added.
+    :raises DatasetError: the file cannot be read.
+    """
+    if not (reader.folder / SOURCES).is_file():
+        return
+    parts = reader.read_json(SOURCES, list)
+    try:
+        for name, one in ((name, one) for part in parts for name, one in part['topics'].items()):
+            total = sum(one[key] for key in COUNTS)
+            if total != one['messages']:
+                yield (f'{SOURCES} has {one["messages"]!r} messages of {printable(name)}, but '
+                       f'accounts for {total}')
+        lines += topic_lines(parts)
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as err:
+        yield f'{SOURCES} has no valid account: {type(err).__name__}: {printable(err)}'
 
 
 _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',

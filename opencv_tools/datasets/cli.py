@@ -27,7 +27,7 @@ from functools import partial
 from opencv_tools.base.arguments import (
     CommandParser, integer, number_range, positive, real, run_command, with_range)
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.plan import DEPTH_RANGE, FORMATS, LEROBOT
+from opencv_tools.datasets.plan import DEPTH_RANGE, FORMATS, LEROBOT, SHORTEN
 
 _MODES = ('--format', '--check', '--merge')
 _MOST_SHARDS = 1_000_000
@@ -133,6 +133,9 @@ def _add_times(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--on-gap', choices=('fail', 'split'), default='fail', help=(
         'what an older sample does: fail, or split the episode and leave these rows out '
         '[%(default)s]'))
+    group.add_argument('--ends', choices=('fail', SHORTEN), default='fail', help=(
+        'what a topic does that begins later or ends earlier than the others by more than '
+        '--max-gap: fail, or shorten the episode to its time [%(default)s]'))
     group.add_argument('--episodes', metavar='TOPIC.FIELD|TABLE.csv', default='', help=(
         "topic whose value is not 0, false or '' during an episode, or table with the columns "
         'start and end in seconds and, if needed, bag and task [one episode a bag]'))

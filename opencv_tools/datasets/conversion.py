@@ -19,7 +19,6 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict
 import os
 from pathlib import Path
 
@@ -34,8 +33,7 @@ from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
 from opencv_tools.datasets.pictures import row_pictures
 from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
-from opencv_tools.datasets.row_values import shortened
-from opencv_tools.datasets.rows import match
+from opencv_tools.datasets.row_values import shortened, topic_accounts
 from opencv_tools.datasets.set_writing import topic_lines, write_set
 from opencv_tools.datasets.shards import write_shard
 from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
@@ -76,8 +74,7 @@ def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
         yield f'  {printable(found.name)} ({printable(found.type_name)}, {count}): {use}'
     if plan.next_action:
         yield f'  {ACTION}: the state of the next row'
-    described = {'topics': {key: asdict(match(track.times, kept, key))
-                            for key, track in recording.tracks.items()}}
+    described = {'topics': topic_accounts(recording, kept, kept)}
     for line in [*topic_lines([described]), *(f'warning: {one}' for one in recording.warnings)]:
         yield f'  {line}'
 

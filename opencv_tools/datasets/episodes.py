@@ -28,11 +28,12 @@ from opencv_tools.base.regular_files import read_regular
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.plan import Interval, Plan
+from opencv_tools.datasets.plan import Interval, Plan, SHORTEN
 from opencv_tools.datasets.rows import (
     choose, grid, needed_delay, pieces, Rows, Times, TOLERANCE_NS)
-from opencv_tools.datasets.tracks import Recording
+from opencv_tools.datasets.tracks import Recording, Track
 
+_END_NS = NANO  # by which a topic may end before the others without a sentence
 _MAX_TABLE = 1 << 24  # bytes
 _MOST = 100_000  # episodes of a bag
 _MOST_SECONDS = 1e8  # of a bag: three years
@@ -104,14 +105,21 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     """
     tracks = recording.tracks
     latest = max(tracks, key=lambda name: int(tracks[name].times[0]))
-    earliest = min(tracks, key=lambda name: int(tracks[name].times[-1]))
-    start, end = int(tracks[latest].times[0]), int(tracks[earliest].times[-1])
+    last = max(int(track.times[-1]) for track in tracks.values())
+    ends = {name: _end_of(track, plan, last) for name, track in tracks.items()}
+    earliest = min(ends, key=ends.__getitem__)
+    start, end = int(tracks[latest].times[0]), ends[earliest]
     if end < start:
-        raise DatasetError(f'{earliest} ends {(start - end) / NANO:.3f} s before {latest} begins, '
+        before = start - int(tracks[earliest].times[-1])
+        raise DatasetError(f'{earliest} ends {before / NANO:.3f} s before {latest} begins, '
                            'so no time has all topics')
     found: list[Rows] = []
     least = 2 if plan.next_action else 1
-    for begin, stop, task in _spans(recording, plan, bag, end):
+    for begin, stop, task in _spans(recording, plan, bag, last):
+        first = min(int(track.times[0]) for track in tracks.values())
+        _check_end(recording, plan, latest, 'first', start - max(begin, first))
+        _check_end(recording, plan, earliest, 'last',
+                   min(stop, last) - int(tracks[earliest].times[-1]))
         times = _row_times(recording, plan, max(begin, start), min(stop - 1, end + TOLERANCE_NS))
         whole = Rows(times, {}, task)
         if len(times):
@@ -128,6 +136,41 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     if not found:
         raise DatasetError('no row has all topics')
     return found
+
+
+def _end_of(track: Track, plan: Plan, last: int) -> int:
+    """
+    Return until when a topic has samples for rows.
+
+    A topic that ends with the others ends at its last sample. Numbers that come seldom, such as
+    when they change, and a topic that ends long before the others keep their last sample, as in
+    the middle.
+
+    :param last: time of the last sample of all topics.
+    """
+    own, gap = int(track.times[-1]), round(plan.max_gap * NANO)
+    if last - own > gap:
+        return own if plan.ends == SHORTEN else own + gap
+    is_seldom = track.values.shape[1] and (len(track.times) < 2 or (
+        np.median(np.diff(track.times)) > 2 * NANO // plan.fps))
+    return last if is_seldom or last - own > _END_NS else own
+
+
+def _check_end(recording: Recording, plan: Plan, name: str, which: str, missing: int) -> None:
+    """
+    Check that the begin or end without samples of a topic is not too long, or warn of it.
+
+    :param which: 'first' or 'last'.
+    :param missing: time that the other topics have samples for, in nanoseconds.
+    :raises DatasetError: it is longer than the largest gap.
+    """
+    if missing <= min(_END_NS, plan.max_gap * NANO):
+        return
+    text = f'{name} has no sample for the {which} {missing / NANO:.3f} s'
+    if missing > plan.max_gap * NANO and not plan.splits and plan.ends != SHORTEN:
+        raise DatasetError(f'{text} of the other topics; at most {plan.max_gap:g} s are allowed: '
+                           'leave this time out with --ends shorten, or use a larger --max-gap')
+    recording.warnings.append(f'{text} of the other topics')
 
 
 def _row_times(recording: Recording, plan: Plan, start: int, end: int) -> Times:

@@ -36,11 +36,13 @@ RESERVED = ('timestamp', 'frame_index', 'episode_index', 'index', 'task_index', 
 NEXT = 'next'
 #: Depths in metres that LeRobot stores if no others are given.
 DEPTH_RANGE = (0.01, 10.0)
+#: Value of --ends that leaves rows out.
+SHORTEN = 'shorten'
 LEROBOT, WEBDATASET, PARQUET = FORMATS = ('lerobot', 'webdataset', 'parquet')
 
 # A name becomes a part of the name of a file and of a key of a sample in a tar archive.
 _NAME = re.compile('[A-Za-z0-9_]{1,64}')
-_VERSION = 1  # of what is written; another one converts all bags anew
+_VERSION = 2  # of what is written; another one converts all bags anew
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,8 @@ class Plan:
     :param clock: 'stamp' for the stamps of the headers, 'log' for the times of the recording.
     :param max_gap: largest age of a sample in seconds.
     :param splits: whether rows with older samples end an episode; otherwise they are an error.
+    :param ends: 'shorten' to leave out rows at the begin and end that a topic has no sample for;
+        'fail' for an error if they are longer than ``max_gap``, as in the middle.
     :param episodes: source of a value that is not 0, false or '' during an episode; None for one
         episode a bag.
     :param intervals: intervals of bags that become episodes; empty for one episode a bag.
@@ -117,6 +121,7 @@ class Plan:
     clock: str = 'stamp'
     max_gap: float = 1.0
     splits: bool = False
+    ends: str = 'fail'
     episodes: NumbersSource | None = None
     intervals: tuple[Interval, ...] = ()
     crf: int = 23

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import ACTION, Plan, STATE
-from opencv_tools.datasets.rows import interpolate, Rows
+from opencv_tools.datasets.rows import interpolate, match, Rows
 from opencv_tools.datasets.tracks import Recording
 
 
@@ -55,6 +55,32 @@ def shown_rows(episodes: Sequence[Rows], shown: Mapping[str, NDArray[np.int64]],
             **rows.samples, **{name: one[begin:end] for name, one in shown.items()}}))
         begin = end
     return found
+
+
+def topic_accounts(recording: Recording, wanted: Sequence[Rows], shown: Sequence[Rows],
+                   ) -> dict[str, dict[str, Any]]:
+    """
+    Return what became of all messages of each topic, by the name of its samples.
+
+    :param wanted: rows with the samples that belong to them.
+    :param shown: the same rows with those that they have.
+    """
+    found = {}
+    for name, track in recording.tracks.items():
+        one = match(track.times, wanted, shown, name)
+        found[name] = asdict(replace(
+            one, dropped=one.dropped + track.late, before=one.before + track.left_out,
+            failed=one.failed + track.failed,
+            messages=one.messages + track.late + track.left_out + track.failed))
+    return found
+
+
+def unused_topics(recording: Recording, plan: Plan) -> dict[str, int]:
+    """Return the number of messages of each topic that the plan does not name."""
+    used = {track.topic.name for track in recording.tracks.values()}
+    used |= {plan.episodes.topic} if plan.episodes else set()
+    return {topic.name: count for topic, count in recording.bag.topics.items()
+            if topic.name not in used}
 
 
 def row_numbers(rows: Rows, episode: int, fps: int) -> dict[str, NDArray[Any]]:

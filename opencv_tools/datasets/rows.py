@@ -20,7 +20,7 @@ Times are integers in nanoseconds. Row k of an episode has the time of row 0 plu
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,6 +138,10 @@ class Match:
     :param used: number of samples that are in a row.
     :param reused: number of rows that repeat the sample of the row before.
     :param dropped: number of samples between the first and the last row that are in no row.
+    :param before: number of samples before the first row that are in no row.
+    :param after: number of samples after the last row that are in no row.
+    :param failed: number of messages that cannot be read or decoded.
+    :param messages: number of messages of the topic, the sum of these but ``reused``.
     :param median_error: median distance between a row and its sample, in seconds.
     :param largest_error: largest distance, in seconds.
     """
@@ -145,21 +149,30 @@ class Match:
     used: int = 0
     reused: int = 0
     dropped: int = 0
+    before: int = 0
+    after: int = 0
+    failed: int = 0
+    messages: int = 0
     median_error: float = 0.0
     largest_error: float = 0.0
 
 
-def match(times: Times, episodes: list[Rows], name: str) -> Match:
-    """Return how the samples of a topic fit the rows of some episodes."""
-    used = reused = within = 0
-    errors: list[Times] = []
-    for rows in episodes:
-        samples = rows.samples[name]
-        distinct = len(np.unique(samples))
-        used, reused = used + distinct, reused + len(samples) - distinct
-        within += len(np.union1d(samples, np.flatnonzero(
-            (times >= rows.times[0]) & (times <= rows.times[-1]))))
-        errors.append(np.abs(rows.times - times[samples]))
-    all_errors = np.concatenate(errors) if errors else np.zeros(1, np.int64)
-    return Match(used, reused, within - used, float(np.median(all_errors)) / NANO,
-                 int(all_errors.max()) / NANO)
+def match(times: Times, wanted: Sequence[Rows], shown: Sequence[Rows], name: str) -> Match:
+    """
+    Return how the samples of a topic fit the rows of some episodes.
+
+    :param times: (n,) increasing times of the samples.
+    :param wanted: rows with the samples that belong to them.
+    :param shown: the same rows with those that they have; the others could not be decoded.
+    """
+    rows = np.concatenate([one.times for one in shown])
+    samples = np.concatenate([one.samples[name] for one in shown])
+    used = np.unique(samples)
+    failed = np.setdiff1d(np.concatenate([one.samples[name] for one in wanted]), used)
+    rest = np.delete(times, np.union1d(used, failed))
+    before, after = (int(np.count_nonzero(one)) for one in (rest < rows[0], rest > rows[-1]))
+    errors = np.abs(rows - times[samples])
+    return Match(
+        len(used), len(rows) - sum(len(np.unique(one.samples[name])) for one in shown),
+        len(rest) - before - after, before, after, len(failed), len(times),
+        float(np.median(errors)) / NANO, int(errors.max()) / NANO)

@@ -52,7 +52,7 @@ class SetReader:
         if not (folder / INFO).exists():
             raise DatasetError(f'{printable(folder, MAX_PATH)} is no LeRobot data set, which has '
                                f'{INFO}; only these are checked')
-        self.info = self.read_json(INFO)
+        self.info: dict[str, Any] = self.read_json(INFO)
         version = self.info.get('codebase_version')
         if not isinstance(version, str) or not version.startswith('v3.'):
             raise DatasetError(f'{INFO} has codebase_version {printable(version)}, not v3.0; '
@@ -75,17 +75,18 @@ class SetReader:
         #: Rows of a second.
         self.fps: int = fps
 
-    def read_json(self, name: str) -> dict[str, Any]:
+    def read_json(self, name: str, kind: type = dict) -> Any:
         """
         Read a file of JSON.
 
+        :param kind: type of its content, dict or list.
         :raises DatasetError: it is missing or invalid.
         """
         try:
             content = json.loads(read_regular(self.folder / name, _MAX_JSON))
         except (OSError, ValueError, RecursionError) as err:
             raise DatasetError(f'{name} cannot be read: {reason_of(err)}') from err
-        if not isinstance(content, dict):
+        if not isinstance(content, kind):
             raise DatasetError(f'{name} has no object of JSON')
         return content
 

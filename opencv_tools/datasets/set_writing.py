@@ -16,18 +16,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from opencv_tools.base.logs import Log
-from opencv_tools.base.text import MAX_PATH, printable
+from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.datasets.depth import millimetres
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
 from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
 from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.shards import find_parts
+
+
+#: Numbers of an account whose sum is the number of messages.
+COUNTS = ('used', 'dropped', 'before', 'after', 'failed')
 
 
 def topic_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -39,14 +44,19 @@ def topic_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     lines = []
     for name in parts[0]['topics']:
         found = [part['topics'][name] for part in parts if name in part['topics']]
-        sums = {key: sum(one[key] for one in found) for key in ('used', 'reused', 'dropped')}
+        sums = {key: sum(one.get(key, 0) for one in found)
+                for key in (*COUNTS, 'messages', 'reused')}
         worst = {key: 1000 * max(one[key] for one in found)
                  for key in ('median_error', 'largest_error')}
         lines.append(
             f'{printable(name)}: {sums["used"]} samples used, {sums["reused"]} rows repeat one, '
-            f'{sums["dropped"]} dropped; from sample to row {worst["median_error"]:.1f} ms in the '
-            f'median, {worst["largest_error"]:.1f} ms at most')
-    return lines
+            f'{sums["dropped"]} dropped, {sums["before"]} before the first row, {sums["after"]} '
+            f'after the last, {sums["failed"]} failed, of {sums["messages"]} messages; from '
+            f'sample to row {worst["median_error"]:.1f} ms in the median, '
+            f'{worst["largest_error"]:.1f} ms at most')
+    unused = sum((Counter(part.get('unused', {})) for part in parts), Counter[str]())
+    texts = [f'{printable(name)} ({count} messages)' for name, count in sorted(unused.items())]
+    return lines + ([f'not used: {enumerated(texts, 20)}'] if texts else [])
 
 
 def depth_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -46,6 +46,8 @@ class Track:
     :param messages: (n,) number of the message of each sample among all of the topic, from 0.
     :param values: (n, d) numbers of each sample; (n, 0) for images.
     :param late: number of samples that are left out, because an earlier one has a later time.
+    :param left_out: number of messages before the first one that can be decoded.
+    :param failed: number of messages that cannot be read.
     """
 
     topic: BagTopic
@@ -53,6 +55,8 @@ class Track:
     messages: NDArray[np.int64]
     values: NDArray[np.float64]
     late: int
+    left_out: int
+    failed: int
     offset_ns: int
 
 
@@ -131,14 +135,19 @@ def _chosen_names(bag: Bag, source: NumbersSource) -> tuple[str, ...]:
     return tuple(name for name in source.names if name in found) or found
 
 
-def _track(samples: Samples, plan: Plan, name: str) -> Track:
-    """Return the samples in the order of their times; see `Samples.times`."""
+def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
+    """
+    Return the samples in the order of their times; see `Samples.times`.
+
+    :param count: number of messages that the topic has; those of a damaged part are not read.
+    """
     times = samples.times(plan.clock, name)
     newest = np.maximum.accumulate(times)
     kept = np.concatenate(([True], times[1:] > newest[:-1]))
     values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)
     return Track(topic=samples.topic, times=times[kept], messages=integers(samples.places)[kept],
                  values=values[kept], late=int(np.count_nonzero(~kept)),
+                 left_out=samples.left_out, failed=samples.damaged + max(0, count - samples.count),
                  offset_ns=int(np.median(integers(samples.logs) - times)))
 
 
@@ -162,7 +171,8 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     warnings = [*bag.warnings]
     if damages:
         warnings.append(f'{damages} parts of the bag cannot be read')
-    tracks = {name: _track(one, plan, name) for name, one in samples.items()}
+    tracks = {name: _track(one, plan, name, bag.topics[one.topic])
+              for name, one in samples.items()}
     warnings += [f'{name}: {one.damaged} messages cannot be read'
                  for name, one in samples.items() if one.damaged]
     warnings += [f'{name}: {one.left_out} messages before the first key frame are left out'

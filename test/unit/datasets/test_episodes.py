@@ -16,14 +16,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
+import json
 from pathlib import Path
 import re
 
 import av
 from dataset_bags import BEGAN, Drive, joints_entry, NANO, plain_entry
 from dataset_sets import (
-    CAMERA, check_rows, convert, episodes_of, frames_of, FRONT, JOINTS_STATE, rows_of, stamps_of,
-    tasks_of, USUAL)
+    CAMERA, check_rows, convert, episodes_of, frames_of, FRONT, JOINTS_STATE, numbers_of, rows_of,
+    stamps_of, tasks_of, USUAL)
 import numpy as np
 from opencv_tools.convert.cli import main
 import pytest
@@ -170,3 +172,74 @@ def test_topics_without_common_time_are_an_error(tmp_path: Path, capsys: Errors)
     made(tmp_path, drive, *CAMERA, '--state', '/late', '--clock', 'log', status=1)
     assert 'front ends 1.528 s before /late begins, so no time has all topics' in (
         capsys.readouterr().err)
+
+
+ENDED = {'dies': Drive(lost=frozenset(range(15, 60))), 'begins late': Drive(first=50),
+         'dies at 0.4 s': Drive(seconds=3, lost=frozenset(range(12, 90)))}
+
+
+@pytest.mark.parametrize(('name', 'text'), [
+    ('dies', r'the last 1\.533 s'), ('begins late', r'the first 1\.667 s'),
+    ('dies at 0.4 s', r'the last 2\.633 s')])
+def test_camera_that_dies_or_begins_late_is_an_error(
+        name: str, text: str, tmp_path: Path, capsys: Errors) -> None:
+    made(tmp_path, ENDED[name], *USUAL, status=1)
+    errors = capsys.readouterr().err
+    assert re.search(f'front has no sample for {text} of the other topics; at most 1 s are '
+                     'allowed: leave this time out with --ends shorten', errors), errors
+
+
+@pytest.mark.parametrize(('name', 'words', 'numbers'), [
+    ('dies', ('--ends', 'shorten'), [*range(15)]),
+    ('dies', ('--on-gap', 'split'), [*range(15), *[14] * 30]),  # as in the middle
+    ('dies', ('--on-gap', 'split', '--max-gap', '0.2'), [*range(15), *[14] * 6]),
+    ('dies', ('--max-gap', '10'), [*range(15), *[14] * 46]),
+    ('begins late', ('--ends', 'shorten'), [*range(50, 60)]),
+    ('begins late', ('--on-gap', 'split'), [*range(50, 60)]),
+    ('begins late', ('--max-gap', '2'), [*range(50, 60)]),
+    ('dies at 0.4 s', ('--ends', 'shorten', '--max-gap', '0.5'), [*range(12)])])
+def test_ends_without_a_topic_are_said(
+        name: str, words: tuple[str, ...], numbers: list[int], tmp_path: Path, capsys: Errors,
+        ) -> None:
+    drive = ENDED[name]
+    folder = tmp_path / 'set'
+    assert convert(drive.write(tmp_path / 'bag.mcap'), folder, *USUAL, *words) == 0
+    assert numbers_of(folder) == numbers
+    errors = capsys.readouterr().err
+    which = 'first' if name == 'begins late' else 'last'
+    assert f'warning: bag.mcap: front has no sample for the {which} ' in errors
+    check_accounts(folder, drive)
+
+
+@pytest.mark.parametrize(('edges', 'seconds', 'words'), [
+    ((0.0, 0.9, 1.5), 3.0, ('--max-gap', '100')), ((0.0,), 2.5, ('--max-gap', '2.6')),
+    ((0.0, 0.25, 0.4), 1.25, ())])
+def test_topic_that_is_published_on_change_lasts_to_the_end(
+        edges: tuple[float, ...], seconds: float, words: tuple[str, ...], tmp_path: Path) -> None:
+    grip = [joints_entry(BEGAN + round(one * S), [one], ['grip'], '/gripper') for one in edges]
+    drive = Drive(seconds=seconds, others=grip)
+    folder = made(tmp_path, drive, *CAMERA, '--state', '/gripper.position', *words)
+    rows = rows_of(folder)['observation.state'].ravel()
+    times = np.arange(len(rows)) / 30
+    assert len(rows) == round(30 * seconds)
+    assert np.allclose(rows, [max(edge for edge in edges if edge <= time + 1e-6)
+                              for time in times])
+    check_accounts(folder, drive)
+
+
+def test_episode_within_the_time_of_all_topics_is_complete(tmp_path: Path, capsys: Errors) -> None:
+    (tmp_path / 'a.csv').write_text('start,end\n0.1,0.4\n')
+    made(tmp_path, ENDED['dies'], *USUAL, '--episodes', tmp_path / 'a.csv')
+    assert 'warning' not in capsys.readouterr().err
+
+
+def check_accounts(folder: Path, drive: Drive) -> None:
+    """Check that the account of each topic is the number of its messages in the bag."""
+    part, = json.loads((folder / 'meta/opencv_tools/bags.json').read_text())
+    counts = Counter(entry.topic for entry in drive.entries())
+    names = {'front': CAMERA[1].partition('=')[2]}
+    for name, one in part['topics'].items():
+        topic = names.get(name, name.rpartition('.')[0])
+        assert one['messages'] == counts.pop(topic) == sum(
+            one[key] for key in ('used', 'dropped', 'before', 'after', 'failed')), name
+    assert part['unused'] == counts

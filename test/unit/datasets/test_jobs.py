@@ -136,8 +136,8 @@ a.mcap: 29 rows in 1 episodes
   /cam0/image_raw/compressed (sensor_msgs/msg/CompressedImage, 29): observation.images.front
   /joint_states (sensor_msgs/msg/JointState, 101): observation.state (shoulder, elbow, wrist)
   action: the state of the next row
-  front: 28 samples used, 1 rows repeat one, 0 dropped; from sample to row 0.0 ms in the median, \
-33.3 ms at most
+  front: 28 samples used, 1 rows repeat one, 0 dropped, 0 before the first row, 1 after the last, \
+0 failed, of 29 messages; from sample to row 0.0 ms in the median, 33.3 ms at most
 """)
 
 

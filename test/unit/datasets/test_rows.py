@@ -104,15 +104,15 @@ def test_account_of_samples(pair: tuple[list[int], list[int]], cut: int) -> None
     samples = choose(times, rows, 'last')
     whole = Rows(rows, {'a': samples})
     episodes = [one for one in (whole.part(0, cut), whole.part(cut, len(rows))) if len(one.times)]
-    account = match(times, episodes, 'a')
-    used = reused = dropped = 0
-    for one in episodes:
-        shown = set(one.samples['a'].tolist())
-        used += len(shown)
-        reused += len(one.times) - len(shown)
-        dropped += len({place for place, time in enumerate(times.tolist())
-                        if one.times[0] <= time <= one.times[-1]} - shown)
+    account = match(times, episodes, episodes, 'a')
+    used = set(samples.tolist())
+    reused = sum(len(one.times) - len(set(one.samples['a'].tolist())) for one in episodes)
+    others = [time for place, time in enumerate(times.tolist()) if place not in used]
+    before, after = (sum(one < rows[0] for one in others), sum(one > rows[-1] for one in others))
     errors = sorted(int(row - times[sample]) for row, sample in zip(rows, samples))
-    assert (account.used, account.reused, account.dropped) == (used, reused, dropped)
+    assert (account.used, account.reused, account.before, account.after) == (
+        len(used), reused, before, after)
+    assert account.used + account.dropped + before + after == account.messages == len(times)
+    assert account.failed == 0
     assert account.largest_error == errors[-1] / NANO
     assert np.isclose(account.median_error * NANO, np.median(errors))

@@ -42,6 +42,7 @@ import pytest
 DATA = 'data/chunk-000/file-000.parquet'
 VIDEO = f'videos/{FRONT}/chunk-000/file-000.mp4'
 EPISODES = 'meta/episodes/chunk-000/file-000.parquet'
+SOURCES = 'meta/opencv_tools/bags.json'
 PRINTS = 'meta/opencv_tools/fingerprints.parquet'
 Errors = pytest.CaptureFixture[str]
 Change = Callable[[Path], object]
@@ -87,7 +88,7 @@ def cell(column: str, row: int, value: Any) -> Callable[[Any], Any]:
     return change
 
 
-def change_json(name: str, *keys: str, value: Any) -> Change:
+def change_json(name: str, *keys: str | int, value: Any) -> Change:
     def change(folder: Path) -> None:
         content = inner = json.loads((folder / name).read_text())
         for key in keys[:-1]:
@@ -197,13 +198,18 @@ DAMAGES: dict[str, tuple[Change, str]] = {
                        'has 0 columns length, not one'),
     'no episodes': (rewrite(EPISODES, lambda table: table.slice(0, 0)), 'has no episode'),
     'not parquet': (text(DATA, 'PAR1 no'), 'file-000.parquet cannot be read'),
+    'account': (change_json(SOURCES, 0, 'topics', 'front', 'before', value=7),
+                'bags.json has 30 messages of front, but accounts for 37'),
+    'no account': (change_json(SOURCES, 1, 'topics', value=[]), 'bags.json has no valid account'),
     'task table': (rewrite('meta/tasks.parquet', cell('task_index', 0, 4)), 'does not number its'),
 }
 
 
 def test_right_set_passes(made: Path, capsys: Errors) -> None:
     assert main(['--check', str(made)]) == 0
-    assert capsys.readouterr().err.endswith(
+    errors = capsys.readouterr().err
+    assert 'front: 60 samples used, 0 rows repeat one, 0 dropped, 0 before the first' in errors
+    assert errors.endswith(
         f'is complete: 2 episodes, 60 rows, {FRONT}; the pictures are compared with the bags\n')
 
 

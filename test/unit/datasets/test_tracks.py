@@ -282,7 +282,8 @@ def test_pictures_that_cannot_be_decoded_are_replaced_and_counted(
         {20: 19, 21: 19, 40: 39}.get(number, number) for number in range(60)]
     errors = capsys.readouterr().err
     assert 'warning: bag.mcap: front: 3 pictures cannot be decoded' in errors
-    assert 'front: 57 samples used, 3 rows repeat one, 3 dropped; ' in errors
+    assert ('front: 57 samples used, 3 rows repeat one, 0 dropped, 0 before the first row, '
+            '0 after the last, 3 failed, of 60 messages; ') in errors
     assert '66.7 ms at most' in errors
     assert 'front has no picture that can be decoded for 0.067 s; at most 0.05 s' in refused(
         tmp_path / 'b', drive, capsys, *USUAL, '--max-gap', '0.05')
