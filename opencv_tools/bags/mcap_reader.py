@@ -300,7 +300,8 @@ class Contents:
                 qos = found.metadata.get('offered_qos_profiles', '')[:MAX_TEXT]
                 self.channels[found.id] = BagTopic(
                     found.topic, type_name, found.message_encoding[:_MAX_NAME], text,
-                    self._texts.keep(qos.encode()))
+                    self._texts.keep(qos.encode()), found.metadata.get(
+                        'topic_type_hash', '')[:_MAX_NAME])
         elif found.id not in self._types:
             self._types[found.id] = found.name[:_MAX_NAME], (
                 self._texts.keep(found.data) if found.encoding == 'ros2msg' else '')

@@ -67,6 +67,7 @@ class BagTopic:
     :param definition: text of the type, with those that it contains; '' if the bag has none, or
         too much text.
     :param qos: YAML text with the quality of service of its publishers; '' if unknown.
+    :param type_hash: hash of the type, such as ``RIHS01_...``; '' if unknown.
     """
 
     name: str
@@ -74,6 +75,7 @@ class BagTopic:
     serialization: str = CDR
     definition: str = field(default='', compare=False, repr=False)
     qos: str = field(default='', compare=False, repr=False)
+    type_hash: str = field(default='', compare=False, repr=False)
 
     @property
     def has_images(self) -> bool:

@@ -226,7 +226,7 @@ class BagChannel:
     @property
     def schema(self) -> tuple[str, str]:
         """Name of the type and its text."""
-        return self.type_name, self.definition or MESSAGE_DEFINITIONS[self.type_name]
+        return self.type_name, self.definition or MESSAGE_DEFINITIONS.get(self.type_name, '')
 
 
 class BagWriter:

@@ -56,12 +56,13 @@ class BagSource:
 
     live: Literal[False] = False
 
-    def __init__(self, path: Path, topic: str = '', files: Sequence[Path] = ()) -> None:
+    def __init__(self, path: Path, topic: str | None = '', files: Sequence[Path] = (),
+                 ) -> None:
         """
         Open a bag and select a topic.
 
         :param path: path of a file, or of a folder of rosbag2.
-        :param topic: topic of the images; '' for the only one.
+        :param topic: topic of the images; '' for the only one, None for any.
         :param files: files of the bag; empty for those of the path.
         :raises CaptureError: the bag cannot be read, or the topic cannot be selected.
         """
@@ -192,7 +193,7 @@ class BagSource:
             recorded=Recorded(message=wire, topic=self.topic.name, log_ns=message.log_ns,
                               play=self._play, publish_ns=message.publish_ns,
                               number=message.number, camera_info=camera_info,
-                              info_topic=self.info_topic))
+                              info_topic=self.info_topic, serialized=serialized))
 
 
 def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,
@@ -215,20 +216,20 @@ def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,
     return wire, np.frombuffer(wire.data, np.uint8), JPEG
 
 
-def _select(bag: str, name: str, counts: Counter[BagTopic]) -> BagTopic:
+def _select(bag: str, name: str | None, counts: Counter[BagTopic]) -> BagTopic:
     """Return the topic with a name, or the only topic of images of a bag."""
     images = [topic for topic in counts if topic.has_images]
     # A topic without messages, as record --all leaves it, is no candidate beside others.
     filled = [topic for topic in images if counts[topic]]
     found = [topic for topic in images if name == topic.name] if name else filled or images
-    if len(found) == 1:
-        return found[0]
+    if len(found) == 1 or (found and name is None):
+        return min(found, key=lambda topic: topic.name)
     if not images:
         others = _listed(counts, list(counts))
         raise CaptureError(f'{bag} has no topic of images; '
                            + (f'its topics are {others}' if others else 'it has no topic'))
     if not found:
-        raise TopicError(f'{bag} has no topic {printable(name)} of images; '
+        raise TopicError(f'{bag} has no topic {printable(name or "")} of images; '
                          f'{_REMEDY} {_listed(counts, images)}')
     raise TopicError(f'{bag} has {len(found)} topics of images; {_REMEDY} '
                      f'{_listed(counts, found)}')

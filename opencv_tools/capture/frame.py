@@ -49,6 +49,7 @@ class Recorded:
     :param number: number of the message from its publisher; 0 if unknown.
     :param camera_info: serialized sensor_msgs/CameraInfo of the frame; None if there is none.
     :param info_topic: topic of the camera_info; '' if there is none.
+    :param serialized: buffer with the CDR of the message, decompressed; None if unknown.
     """
 
     message: WireMessage | WireVideo
@@ -59,6 +60,7 @@ class Recorded:
     number: int = 0
     camera_info: Any = None
     info_topic: str = ''
+    serialized: Any = None
 
     @property
     def header_ns(self) -> int:

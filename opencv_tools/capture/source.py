@@ -91,7 +91,7 @@ def describe_opening(text: str) -> str:
 
 def open_source(
     text: str, request: CameraRequest = DEFAULT_REQUEST, timeout: float = 2.0,
-    bag_topic: str = '',
+    bag_topic: str | None = '',
 ) -> Source:
     """
     Open a source.
@@ -99,7 +99,7 @@ def open_source(
     :param text: device number, device path, video file, bag, image file, folder, glob pattern of
         image files or of bags, stream URL, or ``pattern[:depth][:WIDTHxHEIGHT[@FPS]]``.
     :param timeout: timeout in seconds for opening a stream and for reading from it.
-    :param bag_topic: topic of the images of a bag; '' for the only one.
+    :param bag_topic: topic of the images of a bag; '' for the only one, None for any.
     :returns: the open source; ``live`` is True for a camera or stream.
     :raises UnavailableError: the camera or stream cannot be opened now.
     :raises CaptureError: the source cannot be opened.
@@ -170,7 +170,7 @@ def _open_url(url: str, timeout: float) -> Source:
     return StreamSource(url, OpenCvStream(capture))
 
 
-def _open_path(path: Path, bag_topic: str) -> Source:
+def _open_path(path: Path, bag_topic: str | None) -> Source:
     """Open a bag, a folder, an image file, a video file or the matches of a glob pattern."""
     shown = printable(path, MAX_PATH)
     try:

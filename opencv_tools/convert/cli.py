@@ -78,6 +78,8 @@ exit status:
         'selects the format: .mcap, .mp4, .mkv, .avi, .png, .jpg, .tiff, .bmp, .webp or .npy')
     parser.add_argument('--topic', default='', help='topic of the images of a bag, if it has '
                         'several')
+    parser.add_argument('--topics', default='*', metavar='TOPIC,TOPIC', help='other topics of a '
+                        'bag that another bag gets; * stands for any characters [all]')
     parser.add_argument('--every', type=positive, default=1, metavar='N',
                         help='convert the first of every N frames [%(default)s]')
     parser.add_argument('--start', type=integer, default=0, metavar='FRAME',

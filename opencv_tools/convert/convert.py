@@ -25,7 +25,8 @@ from pathlib import Path
 import time
 from typing import Any
 
-from opencv_tools.bags.schemas import CAMERA_INFO
+from opencv_tools.bags.channels import channel_of
+from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.writing import BAG_SUFFIX, BagChannel
 from opencv_tools.base.arguments import COLORS
 from opencv_tools.base.logs import ConsoleWriter, Log, log_if_slow
@@ -43,14 +44,15 @@ from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
-from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE, WireCompressedImage
+from opencv_tools.convert.other_topics import OtherTopics
+from opencv_tools.image.cdr import IMAGE, WireCompressedImage
 from opencv_tools.image.display import finite_limits
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.jpeg import JPEG_SOI
 from opencv_tools.image.layout import array_to_wire
-from opencv_tools.image.topic_names import camera_info_topic, image_topic
-from opencv_tools.recording.bag_sink import BagSink, MessageFrame, RecordedMessage
+from opencv_tools.image.topic_names import image_topic
+from opencv_tools.recording.bag_sink import BagSink, MessageFrame
 from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.recording.frames import CompressedFrame, packet_frame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import (
@@ -119,14 +121,14 @@ def _read_live(source: LiveSource) -> CapturedFrame | None:
 
 
 def received_frame(
-    frame: CapturedFrame, number: int, rate: float, for_bag: bool = False,
+    frame: CapturedFrame, number: int, rate: float, channel: BagChannel | None = None,
 ) -> ReceivedFrame:
     """
     Return a frame for a recorder.
 
     :param number: number of the frame, from 0.
     :param rate: frame rate of the source in Hz; 0.0 if it has none.
-    :param for_bag: whether a frame of a bag is returned as its message.
+    :param channel: topic of a bag whose frame is returned as its message; else None.
     :returns: the frame with the time and header of its bag; else with the time in its file,
         counted from 0, or with the time of a stream.
     """
@@ -146,8 +148,8 @@ def received_frame(
         stamp_ns = receive_ns = round(position * NANO)
     metadata = FrameMetadata(stamp_ns, frame_id, encoding, topic)
     times = {'receive_ns': receive_ns, 'arrival_ns': receive_ns}
-    if recorded and for_bag:
-        return _message_frame(frame, recorded, metadata)
+    if recorded and channel:
+        return _message_frame(frame, recorded, metadata, channel)
     if recorded and isinstance(recorded.message, WireVideo) and frame.encoding == VIDEO:
         return packet_frame(recorded.message, topic, receive_ns, receive_ns,
                             number=recorded.number)
@@ -157,28 +159,18 @@ def received_frame(
 
 
 def _message_frame(
-    frame: CapturedFrame, recorded: Recorded, metadata: FrameMetadata,
+    frame: CapturedFrame, recorded: Recorded, metadata: FrameMetadata, channel: BagChannel,
 ) -> MessageFrame:
     """Return a frame of a bag as its message, or as a raw image if it was decoded from video."""
-    message, topic = recorded.message, recorded.topic
-    kind = COMPRESSED_IMAGE if frame.encoding == JPEG else IMAGE
-    if isinstance(message, WireVideo):
-        kind = message.type_name
-        if frame.encoding != VIDEO:
-            kind, topic = IMAGE, image_topic(topic)
-            message = array_to_wire(frame.image, find_encoding(frame.encoding), message.header)
+    message, serialized = recorded.message, recorded.serialized
+    if isinstance(message, WireVideo) and frame.encoding != VIDEO:
+        channel = BagChannel(topic=image_topic(recorded.topic), type_name=IMAGE, qos=channel.qos)
+        message, serialized = array_to_wire(
+            frame.image, find_encoding(frame.encoding), message.header), None
     return MessageFrame(
-        metadata=metadata, message=message, channel=BagChannel(topic=topic, type_name=kind),
-        publish_ns=recorded.publish_ns, number=recorded.number, receive_ns=recorded.log_ns,
-        arrival_ns=recorded.log_ns)
-
-
-def camera_info_message(recorded: Recorded) -> RecordedMessage:
-    """Return the calibration of a frame as a message for a bag."""
-    channel = BagChannel(topic=recorded.info_topic or camera_info_topic(recorded.topic),
-                         type_name=CAMERA_INFO)
-    return RecordedMessage(channel=channel, parts=(recorded.camera_info,), log_ns=recorded.log_ns,
-                           publish_ns=recorded.log_ns)
+        metadata=metadata, message=message, channel=channel, publish_ns=recorded.publish_ns,
+        number=recorded.number, receive_ns=recorded.log_ns, arrival_ns=recorded.log_ns,
+        serialized=serialized)
 
 
 _EXIT_OK = 0
@@ -208,6 +200,8 @@ class ConvertRequest:
     :param limits: numbers that become black and white, of images with one channel and more than 8
         bits; None to refuse them where the target has 8 bits.
     :param colors: colours of these numbers, one of ``COLORS``.
+    :param topics: names of the other topics that another bag gets, with commas between them;
+        ``*`` stands for any characters.
     :param compressed: codec of the raw images in a new bag, 'jpeg' or 'png'; '' to keep them.
     """
 
@@ -221,6 +215,7 @@ class ConvertRequest:
     limits: tuple[float, float] | None = None
     colors: str = COLORS[0]
     compressed: str = ''
+    topics: str = '*'
 
 
 def convert(request: ConvertRequest) -> int:
@@ -236,7 +231,11 @@ def convert(request: ConvertRequest) -> int:
     try:
         try:
             with log_if_slow(log, describe_opening(request.source)):
-                opened = open_source(request.source, bag_topic=request.topic)
+                # A copy of a bag has all of its frames, so no topic need be named.
+                is_copy = names.suffix == BAG_SUFFIX and not (
+                    request.start or request.stop or request.compressed) and request.every == 1
+                opened = open_source(
+                    request.source, bag_topic=request.topic or (None if is_copy else ''))
         except KeyboardInterrupt as err:
             raise CaptureError(_NO_FRAME) from err
         with recorded_signals() as is_interrupted, closing(opened) as source:
@@ -298,6 +297,7 @@ class _Conversion:
         self._log, self._progress = open_progress(log, 'Converting frame', self._total())
         self._failure_log = FailureLog(self._log)
         self._unreadable = 0
+        self._others: OtherTopics | None = None
         self._written: Path | None = None  # the only written file, or the folder of several
 
     def run(self) -> int:
@@ -338,6 +338,9 @@ class _Conversion:
             f'Converted {count} frame{"s" * (count != 1)}{f" at {rate:.1f} Hz" if rate else ""}: '
             f'{counts.written} written to {self._written or self._folder}, {failed} failed'
             + (f', {counts.left_out} left out before a key frame' if counts.left_out else ''))
+        for line in self._others.account if self._others else ():
+            self._log.info(line)
+        failed += self._others.failed if self._others else 0
         is_ok = is_complete and not (failed or counts.left_out or recorder.is_unfinished)
         return _EXIT_OK if is_ok else _EXIT_FAILURE
 
@@ -346,27 +349,35 @@ class _Conversion:
         frames: Iterable[tuple[int, CapturedFrame]],
     ) -> bool:
         """Record frames and finish the files; return False if the source did not end."""
-        last_info = None
-        bag = sink if isinstance(sink, BagSink) else None
+        source, request, others = self._source, self._request, None
+        channel: BagChannel | None = None
+        if isinstance(source, BagSource) and isinstance(sink, BagSink):
+            channel = channel_of(source.topic)
+            others = self._others = OtherTopics(source, request.topics.split(','), recorder)
+        begin_ns, end_ns, received = (-1 if request.start else 0), 0, None
         try:
             for number, frame in frames:
-                recorded = frame.recorded
-                if bag and recorded and recorded.camera_info not in (None, last_info):
-                    last_info = recorded.camera_info
-                    bag.add_message(camera_info_message(recorded))
                 try:
-                    received = received_frame(frame, number, self._source.rate, bag is not None)
+                    received = received_frame(frame, number, source.rate, channel)
                 except ImageError as err:  # a packet of video is damaged
                     self._skip(err)
                     continue
+                end_ns = received.receive_ns
+                begin_ns = end_ns if begin_ns < 0 else begin_ns
+                if others:
+                    others.copy(received.metadata, begin_ns, end_ns)
                 recorder.put(received, self._note_written)
                 self._progress.tick(_description(frame), failed=self._unreadable)
             if not self._is_interrupted():
+                if others and received and not request.stop:
+                    others.copy(received.metadata, begin_ns, 1 << 64)
                 return True
             self._log.error('interrupted')
-        except CaptureError as err:
+        except (CaptureError, BagError, OSError) as err:
             self._log.error(str(err))
         finally:
+            if others:
+                others.close()
             recorder.close()
         return False
 

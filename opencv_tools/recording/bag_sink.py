@@ -58,12 +58,14 @@ class MessageFrame(ReceivedFrame):
     :param channel: topic of the message as a bag describes it.
     :param publish_ns: time of publication in nanoseconds of the system clock; 0 if unknown.
     :param number: number of the message from its publisher; 0 if unknown.
+    :param serialized: buffer with the CDR of the message as it is; None to serialize it.
     """
 
     message: WireMessage | WireVideo
     channel: BagChannel
     publish_ns: int = 0
     number: int = 0
+    serialized: Any = None
 
     @property
     def size(self) -> int:
@@ -255,10 +257,14 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         message, channel = _message(frame)
         if self._settings.compression and isinstance(message, WireImage):
             message, channel = _compressed_message(frame, self._settings)
-        publish_ns, number = (frame.publish_ns, frame.number) if isinstance(
-            frame, MessageFrame) else (0, 0)
+        publish_ns = number = 0
+        parts = _parts(message)
+        if isinstance(frame, MessageFrame):
+            publish_ns, number = frame.publish_ns, frame.number
+            if frame.serialized is not None and message is frame.message:
+                parts = (frame.serialized,)
         return RecordedImage(
-            image=message, channel=channel, parts=_parts(message),
+            image=message, channel=channel, parts=parts,
             log_ns=frame.receive_ns, publish_ns=publish_ns or frame.receive_ns, number=number)
 
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,

@@ -228,12 +228,14 @@ def test_jpeg_files_stay_jpeg_files_byte_for_byte(tmp_path: Path) -> None:
     assert frame.image.shape == (24, 16, 3)
 
 
-def test_calibration_goes_with_its_images(tmp_path: Path) -> None:
+def test_calibration_goes_with_its_images(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     infos = [Entry(image_entry(number).log_ns, image_entry(number).data[:12] + b'calibration',
                    '/camera/camera_info', CAMERA_INFO) for number in range(2)]
     source = write_mcap(tmp_path / 'a.mcap', [
         *infos, *map(image_entry, range(3)), image_entry(4, topic='/other')])
-    assert convert(source, tmp_path / 'b.mcap', '--topic', TOPIC) == 0
+    assert convert(source, tmp_path / 'b.mcap', '--topic', TOPIC, '--topics', '/camera*') == 0
+    assert 'left out, with numbers of messages: /other (1 of 1)' in capsys.readouterr().err
     messages, _ = read_all(tmp_path / 'b.mcap')
     assert sorted(messages) == sorted(written([*infos, *map(image_entry, range(3))]))
 

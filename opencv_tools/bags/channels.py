@@ -1,0 +1,41 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The topic of a bag as a channel of another bag, and its quality of service."""
+
+from __future__ import annotations
+
+from opencv_tools.bags.offered_qos import read_offered_qos
+from opencv_tools.bags.reading import BagTopic
+from opencv_tools.bags.writing import BagChannel
+from opencv_tools.message_types.definition import DefinitionError, read_definition
+
+_TRANSIENT_LOCAL = 1
+
+
+def is_latched(topic: BagTopic | BagChannel) -> bool:
+    """Return whether a publisher of a topic keeps its last messages for late subscribers."""
+    return any(offer.durability == _TRANSIENT_LOCAL for offer in read_offered_qos(topic.qos))
+
+
+def channel_of(topic: BagTopic) -> BagChannel:
+    """Return a topic of a bag as a channel, with the definition that this package has, if any."""
+    definition = topic.definition
+    if not definition:
+        try:
+            definition = read_definition(topic.type_name).text
+        except DefinitionError:
+            definition = ''  # a reader with the package can read it
+    return BagChannel(topic=topic.name, type_name=topic.type_name, qos=topic.qos,
+                      type_hash=topic.type_hash, definition=definition)

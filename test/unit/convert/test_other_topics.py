@@ -1,0 +1,139 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A bag becomes another bag with all of its topics, byte for byte."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from dataset_bags import (
+    BEGAN, Drive, joints_entry, jpeg_entry, NANO, plain_entry, with_definitions)
+from mcap.reader import make_reader
+from opencv_tools.convert.cli import main
+from played_bags import Entry, write_mcap, write_rosbag2
+import pytest
+from rosbags.highlevel import AnyReader
+
+Errors = pytest.CaptureFixture[str]
+TIME = '{sec: 9223372036, nsec: 854775807}'
+LATCHED = f"""\
+- history: keep_last
+  depth: 1
+  reliability: reliable
+  durability: transient_local
+  deadline: {TIME}
+  lifespan: {TIME}
+  liveliness: automatic
+  liveliness_lease_duration: {TIME}
+  avoid_ros_namespace_conventions: false
+"""
+FRAMES = '/cam0/image_raw/compressed'
+
+
+def entries(seconds: float = 1.0, topics: int = 40) -> list[Entry]:
+    """Return the messages of a robot with many topics, two of them cameras."""
+    drive = Drive(seconds=seconds, topics=(FRAMES, '/cam1'))
+    drive.others = [
+        plain_entry(BEGAN + step * NANO // 7, float(step), f'/level_{number}', 'Float64')
+        for step in range(round(7 * seconds)) for number in range(topics - 5)]
+    drive.others.append(plain_entry(
+        BEGAN - NANO, 'robot', '/robot_description', 'String')._replace(qos=LATCHED))
+    return with_definitions(drive.entries())
+
+
+def contents(path: Path) -> list[tuple[Any, ...]]:
+    """Return all that the library mcap reads of the messages of a bag."""
+    with path.open('rb') as file:
+        return sorted((
+            channel.topic, message.log_time, message.publish_time, message.sequence, message.data,
+            schema.name, schema.encoding, schema.data, channel.message_encoding,
+            channel.metadata.get('offered_qos_profiles', ''))
+            for schema, channel, message in make_reader(file).iter_messages() if schema)
+
+
+def read_by_rosbags(*paths: Path) -> list[tuple[str, int, bytes]]:
+    with AnyReader([*paths]) as reader:
+        return sorted((connection.topic, time_ns, bytes(data))
+                      for connection, time_ns, data in reader.messages())
+
+
+def test_bag_of_40_topics(tmp_path: Path, capsys: Errors) -> None:
+    source, target = write_mcap(tmp_path / 'a.mcap', entries()), tmp_path / 'b.mcap'
+    assert main([str(source), str(target)]) == 0
+    assert contents(target) == contents(source)
+    assert read_by_rosbags(target) == read_by_rosbags(source)
+    counts = Counter(entry.topic for entry in entries())
+    assert len(counts) == 40
+    errors = capsys.readouterr().err
+    assert f'Copied {counts.total() - 30} messages of 39 other topics, 0 failed' in errors
+    assert 'left out' not in errors
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+def test_folder_of_rosbag2(suffix: str, tmp_path: Path) -> None:
+    source = write_rosbag2(tmp_path / 'a', suffix, [
+        entry._replace(definition='') for entry in entries(0.4, 9)])
+    assert main([str(source), str(tmp_path / 'b.mcap')]) == 0
+    assert read_by_rosbags(tmp_path / 'b.mcap') == read_by_rosbags(source)
+
+
+def test_split_bag_is_joined(tmp_path: Path) -> None:
+    whole = entries(0.9, 7)
+    for part in range(3):
+        write_mcap(tmp_path / f'd_{part}.mcap', whole[part::3] if part > 9 else whole[
+            part * len(whole) // 3:(part + 1) * len(whole) // 3])
+    assert main([str(tmp_path / 'd_*.mcap'), str(tmp_path / 'join.mcap')]) == 0
+    expected = sorted((entry.topic, entry.log_ns, entry.data) for entry in whole)
+    assert read_by_rosbags(tmp_path / 'join.mcap') == expected
+
+
+def test_topics_are_chosen_and_the_others_are_named(tmp_path: Path, capsys: Errors) -> None:
+    source, target = write_mcap(tmp_path / 'a.mcap', entries()), tmp_path / 'b.mcap'
+    assert main([str(source), str(target), '--topics', '/level_1*,/joint_states']) == 0
+    found = {topic for topic, *_ in contents(target)}
+    assert found == {FRAMES, '/joint_states', '/level_1', *(f'/level_1{one}' for one in range(10))}
+    errors = capsys.readouterr().err
+    assert '/arm/command (101 of 101), /cam1 (30 of 30), ' in errors
+    assert '/robot_description (1 of 1)' not in errors  # one of those beyond the first twenty
+    assert ' and 7 more' in errors
+
+
+def test_part_of_a_bag_has_the_topics_of_its_time(tmp_path: Path, capsys: Errors) -> None:
+    source, target = write_mcap(tmp_path / 'a.mcap', entries()), tmp_path / 'b.mcap'
+    assert main([str(source), str(target), '--topic', FRAMES, '--start', '5', '--stop', '15']) == 0
+    found = contents(target)
+    frames = [time_ns for topic, time_ns, *_ in found if topic == FRAMES]
+    assert len(frames) == 10
+    expected = [one for one in contents(source) if one[0] == '/robot_description' or (
+        frames[0] <= one[1] <= frames[-1])]
+    assert found == expected
+    assert '/joint_states (71 of 101)' in capsys.readouterr().err
+
+
+def test_messages_that_cannot_be_copied_are_failures(tmp_path: Path, capsys: Errors) -> None:
+    other = jpeg_entry(0, BEGAN)._replace(topic='/other', encoding='json')
+    source = write_mcap(tmp_path / 'a.mcap', [*entries(0.2, 6), other], use_chunking=False)
+    data = bytearray(source.read_bytes())
+    source.write_bytes(data)
+    assert main([str(source), str(tmp_path / 'b.mcap')]) == 0
+    assert 'left out, with numbers of messages: /other (1 of 1)' in capsys.readouterr().err
+    joints = [entry._replace(type_name='a_msgs/msg/Own', definition='') if entry.topic == (
+        '/joint_states') else entry for entry in entries(0.2, 6)]
+    source = write_mcap(tmp_path / 'c.mcap', joints)
+    assert main([str(source), str(tmp_path / 'd.mcap')]) == 0
+    assert contents(tmp_path / 'd.mcap') == contents(source)
+    assert joints_entry(BEGAN, [0.0, 2.0, 0.0]).data in [one[4] for one in contents(source)]
