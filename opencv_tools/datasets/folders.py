@@ -35,9 +35,13 @@ _MAX_STEM = 60  # characters of the name of a bag in that of its part
 
 def part_folder(parts: Path, bag: str) -> Path:
     """Return the folder of the part of a bag, by the name of the bag in the set."""
-    digest = hashlib.sha256(bag.encode(errors='surrogateescape')).hexdigest()[:12]
     stem = _UNSAFE.sub('_', bag)[-_MAX_STEM:].strip('._')
-    return parts / f'{stem}-{digest}'
+    return parts / f'{stem}-{bag_digest(bag)}'
+
+
+def bag_digest(bag: str) -> str:
+    """Return 12 letters and digits that differ for each name of a bag in a set."""
+    return hashlib.sha256(bag.encode(errors='surrogateescape')).hexdigest()[:12]
 
 
 def working_parts(target: Path) -> Path:

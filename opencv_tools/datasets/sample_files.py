@@ -32,6 +32,7 @@ from typing import Any
 import numpy as np
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.depth import codes_of, DepthImages
+from opencv_tools.datasets.folders import bag_digest
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features
 from opencv_tools.datasets.pictures import depth_png, row_pictures
 from opencv_tools.datasets.plan import IMAGES, Plan, WEBDATASET
@@ -43,6 +44,7 @@ from opencv_tools.datasets.tracks import Recording
 SAMPLES = {'webdataset': 'samples.tar', 'parquet': 'samples.parquet'}
 #: What a set has beside the samples: the bags and their reports.
 BAGS = 'bags.json'
+_PREFIX = 10  # characters of the bag in a key; a name in a tar archive has at most 100
 _GROUP_ROWS = 100  # of a row group, because a row has pictures
 
 
@@ -79,6 +81,7 @@ def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: s
 
     The numbers of the samples that cameras show are added to ``shown``, pixels to ``depth``.
     """
+    prefix = bag_digest(name)[:_PREFIX]
     vectors = row_vectors(plan, recording, episodes)
     kept = shortened(plan, episodes)
     with ExitStack() as stack:
@@ -98,7 +101,7 @@ def _samples(plan: Plan, recording: Recording, episodes: Sequence[Rows], name: s
                     else:
                         files[f'{camera}.jpg'] = picture.compressed[0].tobytes()
                 values = {key: values[number][row].tolist() for key, values in vectors.items()}
-                yield f'{number:06d}_{row:06d}', {
+                yield f'{prefix}_{number:06d}_{row:06d}', {
                     'bag': printable(name, MAX_PATH), 'episode': number, 'frame': row,
                     'timestamp': row / plan.fps, 'task': rows.task or plan.task,
                     'stamp_ns': stamps, **values}, files

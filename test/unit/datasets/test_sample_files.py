@@ -122,3 +122,20 @@ def test_damaged_pictures_and_merged_shards(form: str, tmp_path: Path, capsys: E
     assert main(['--merge', *(str(tmp_path / one) for one in ('1', '3', 'bad'))]) == 2
     assert 'the shards have different options; run all of them' in capsys.readouterr().err
     assert not (tmp_path / 'bad').exists()
+
+
+@pytest.mark.parametrize('shards', [1, 3])
+def test_keys_are_unique_over_bags_and_shards(shards: int, tmp_path: Path) -> None:
+    bags = [f'{day}/run_{number}.mcap' for day in ('a', 'b') for number in range(3)]
+    for bag in [*bags, 'x.y.mcap']:
+        Drive(seconds=0.1, jitter_ns=len(bag)).write(tmp_path / 'bags' / bag)
+    camera = 'a' * 64
+    words = ('--image', f'{camera}={TOPIC}', *USUAL[2:])
+    for shard in range(1, shards + 1):
+        assert convert(tmp_path / 'bags', tmp_path / f'{shard}', *words, '--shard',
+                       f'{shard}/{shards}', form='webdataset') == 0
+    assert main(['--merge', *(str(tmp_path / f'{one + 1}') for one in range(shards)),
+                 str(tmp_path / 'set')]) == 0
+    samples = [sample for path in (tmp_path / 'set').glob('*.tar') for sample in read_tar(path)]
+    assert len(samples) == 21 == len({sample['__key__'] for sample in samples})
+    assert all(sample.keys() == {'__key__', f'{camera}.jpg', 'json'} for sample in samples)
