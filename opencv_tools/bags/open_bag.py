@@ -36,12 +36,17 @@ from opencv_tools.bags.reading import BagMessage, BagReader, BagTopic, Damage
 from opencv_tools.base.regular_files import natural_order, open_regular
 from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable
+from opencv_tools.base.units import NANO
 
-__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'open_bag_file', 'read_file_names']
+__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'continues', 'is_bag', 'open_bag_file',
+           'read_file_names']
 
 #: Extensions of bags.
 BAG_SUFFIXES = ('.mcap', '.db3')
 _METADATA = 'metadata.yaml'
+_NUMBERED = re.compile(r'(.*?)([0-9]{1,18})(\D*)')
+# Longest time between two files of a recording. Messages of two topics may overlap.
+_PAUSE_NS, _OVERLAP_NS = NANO, NANO // 2
 _ROS1_SUFFIX = '.bag'
 _KEY = 'relative_file_paths'
 _KEY_DEPTH = 2  # mappings around the key
@@ -169,6 +174,26 @@ def _in_order(metadata: Path, files: dict[str, Path]) -> BagFiles:
     return BagFiles([files[name] for name in names], True, (
         f'{printable(metadata, MAX_PATH)} does not name {len(others)} files of its folder, which '
         f'are not read, such as {printable(others[0])}') if others else '')
+
+
+def continues(before: Path, after: Path) -> bool:
+    """
+    Return whether a file of a bag is the next one of the same recording.
+
+    Its name has the next number, it has the same topics, and it begins when the other one ends.
+
+    :raises BagError: a file cannot be read as a bag.
+    :raises OSError: a file cannot be read.
+    """
+    one, two = (_NUMBERED.fullmatch(path.stem) for path in (before, after))
+    if not one or not two or before.parent != after.parent or (
+            (one[1], int(one[2]) + 1, one[3]) != (two[1], int(two[2]), two[3])):
+        return False
+    with closing(open_bag_file(before)) as first, closing(open_bag_file(after)) as second:
+        return (first.first_ns < second.first_ns and first.last_ns < second.last_ns
+                and -_OVERLAP_NS <= second.first_ns - first.last_ns <= _PAUSE_NS
+                and any(first.topics.get(topic) for topic, count in second.topics.items()
+                        if count))
 
 
 def open_bag_file(path: Path) -> BagReader:

@@ -197,20 +197,22 @@ def _write_videos(plan: Plan, recording: Recording, episodes: list[Rows], folder
             work.ended.set()  # after an error or Ctrl-C nobody waits for the others
 
 
-def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1) -> None:
+def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1,
+                files: Sequence[Path] = ()) -> None:
     """
     Convert a bag to a part.
 
     :param plan: plan with the names of all numbers.
     :param folder: folder of the part, which does not exist; it is complete when it appears.
     :param threads: threads for decoding and encoding.
+    :param files: files of a recording that was split; empty for those of the path.
     :raises DatasetError: the bag cannot be converted by the plan.
     :raises OSError: a file cannot be read or written.
     """
-    target, state = Path(folder), bag_state(Path(path))
+    target, state = Path(folder), bag_state(Path(path), files)
     if is_done(target, plan, state):
         return
-    recording = read_recording(open_bag(Path(path)), plan)
+    recording = read_recording(open_bag(Path(path), files), plan)
     episodes = episodes_of(recording, plan, name)
     target.parent.mkdir(parents=True, exist_ok=True)
     work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')

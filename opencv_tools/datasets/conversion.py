@@ -40,14 +40,14 @@ from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
 from opencv_tools.datasets.videos import check_depth_size
 
 
-def describe_bag(path: Path, name: str, plan: Plan) -> Iterator[str]:
+def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     """
     Yield lines about a bag, whose first picture of each camera is tried.
 
     :param plan: plan with the names of all numbers.
     :raises DatasetError: the bag cannot be converted by the plan.
     """
-    bag = open_bag(path)
+    bag, name = open_bag(job.path, job.files), job.name
     recording = read_recording(bag, plan)
     episodes = episodes_of(recording, plan, name)
     uses: dict[str, list[str]] = {}
@@ -101,6 +101,10 @@ class Conversion:
         if options.shard:
             first, count = options.shard
             self._jobs = all_jobs[first - 1::count]
+        for job in self._jobs:
+            if job.files:
+                log.info(f'{printable(job.name)} to {printable(job.files[-1].name)} are one '
+                         f'recording of {len(job.files)} files, by their numbers and times')
         self._plan = self._resolved(plan, all_jobs)
 
     def run(self) -> int:
@@ -142,7 +146,7 @@ class Conversion:
         reason = ''
         for job in jobs[:_MOST_TRIED]:
             try:
-                return resolved(plan, job.path)
+                return resolved(plan, job.path, job.files)
             except DatasetError as err:
                 reason = reason or f'{printable(job.name)}: {err}'
         raise DatasetError(reason)
@@ -151,7 +155,7 @@ class Conversion:
         failed = 0
         for job in self._jobs:
             try:
-                for line in describe_bag(job.path, job.name, self._plan):
+                for line in describe_bag(job, self._plan):
                     print(line)
             except DatasetError as err:
                 failed += 1
@@ -193,6 +197,6 @@ class Conversion:
 
 def _is_done(job: Job, plan: Plan) -> bool:
     try:
-        return is_done(job.folder, plan, bag_state(job.path))
+        return is_done(job.folder, plan, bag_state(job.path, job.files))
     except OSError:
         return False  # its conversion says why

@@ -28,7 +28,8 @@ from pathlib import Path
 import signal
 from threading import Thread
 
-from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
+from opencv_tools.bags.errors import BagError
+from opencv_tools.bags.open_bag import BAG_SUFFIXES, continues, is_bag
 from opencv_tools.base.regular_files import user_path
 from opencv_tools.base.signals import ignore_signals
 from opencv_tools.base.text import printable, without_password
@@ -47,16 +48,21 @@ class Job:
 
     :param name: name of the bag in the set: its path below the folder or pattern.
     :param folder: folder of its part.
+    :param files: files of a recording that was split, the first of which is ``path``; empty for
+        those of the path.
     """
 
     path: Path
     name: str
     folder: Path
+    files: tuple[Path, ...] = ()
 
 
 def find_jobs(source: str, parts: Path) -> list[Job]:
     """
     Find the bags of a source, in the natural order of their names.
+
+    The files of a recording that was split are one bag.
 
     :param source: bag, folder with bags at any depth, or glob pattern.
     :param parts: folder of the parts.
@@ -75,8 +81,21 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
                            f'({", ".join(BAG_SUFFIXES)}), a folder or a pattern')
     if len(found) > _MOST_BAGS:
         raise DatasetError(f'{without_password(source)} has more than {_MOST_BAGS} bags')
-    return [Job(bag.absolute(), name, part_folder(parts.absolute(), name))
-            for bag, name in sorted(found, key=lambda pair: natural_key(pair[1]))]
+    groups: list[tuple[str, list[Path]]] = []
+    for bag, name in sorted(found, key=lambda pair: natural_key(pair[1])):
+        if groups and _continues(groups[-1][1][-1], bag.absolute()):
+            groups[-1][1].append(bag.absolute())
+        else:
+            groups.append((name, [bag.absolute()]))
+    return [Job(files[0], name, part_folder(parts.absolute(), name),
+                tuple(files) if len(files) > 1 else ()) for name, files in groups]
+
+
+def _continues(before: Path, after: Path) -> bool:
+    try:
+        return continues(before, after)
+    except (BagError, OSError):
+        return False  # its conversion says why
 
 
 def _matching_bags(pattern: Path) -> list[tuple[Path, str]]:
@@ -112,7 +131,7 @@ def _bags_below(folder: Path) -> Iterator[Path]:
 def convert_job(job: Job, plan: Plan, threads: int) -> str:
     """Convert a bag; return '' or why it cannot be converted."""
     try:
-        convert_bag(str(job.path), plan, str(job.folder), job.name, threads)
+        convert_bag(str(job.path), plan, str(job.folder), job.name, threads, job.files)
     except DatasetError as err:
         return str(err)
     except OSError as err:

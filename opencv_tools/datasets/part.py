@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import json
 from pathlib import Path
 from typing import Any
@@ -32,13 +33,13 @@ _KINDS = {'bag': str, 'plan': str, 'state': list, 'fps': int, 'robot_type': str,
           'warnings': list, 'topics': dict, 'features': dict, 'episodes': list}
 
 
-def bag_state(path: Path) -> list[list[Any]]:
+def bag_state(path: Path, files: Sequence[Path] = ()) -> list[list[Any]]:
     """
     Return names, sizes and times of the files of a bag, by which a changed bag is recognised.
 
     :raises OSError: a file cannot be read.
     """
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    files = files or (sorted(path.iterdir()) if path.is_dir() else [path])
     return [[file.name, status.st_size, status.st_mtime_ns]
             for file in files for status in (file.stat(),)]
 

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -77,14 +78,15 @@ class Recording:
     warnings: list[str]
 
 
-def open_bag(path: Path) -> Bag:
+def open_bag(path: Path, files: Sequence[Path] = ()) -> Bag:
     """
     Open a bag.
 
+    :param files: files of the bag; empty for those of the path.
     :raises DatasetError: it cannot be read.
     """
     try:
-        return Bag(path)
+        return Bag(path, files)
     except (ValueError, OSError) as err:
         raise DatasetError(_reason(err)) from err
 
@@ -109,13 +111,13 @@ def find_topic(bag: Bag, name: str, images: bool = False) -> BagTopic:
     return found[0]
 
 
-def resolved(plan: Plan, path: Path) -> Plan:
+def resolved(plan: Plan, path: Path, files: Sequence[Path] = ()) -> Plan:
     """
     Return a plan that has the names of all numbers, as the first messages of a bag have them.
 
     :raises DatasetError: a topic has no message, or no such numbers.
     """
-    bag = open_bag(path)
+    bag = open_bag(path, files)
     names = {source: _chosen_names(bag, source) for source in plan.sources}
     found = {name for chosen in names.values() for name in chosen}
     missing = [name for source in plan.sources for name in source.names if name not in found]

@@ -25,8 +25,9 @@ import subprocess
 import sys
 from threading import Event
 
-from dataset_bags import Drive
-from dataset_sets import CAMERA, convert, JOINTS_STATE, numbers_of, USUAL
+from dataset_bags import BEGAN, Drive, NANO, with_definitions
+from dataset_sets import (
+    CAMERA, check_rows, convert, episodes_of, JOINTS_STATE, numbers_of, USUAL)
 from opencv_tools.convert.cli import main
 from opencv_tools.datasets import bag_conversion
 from opencv_tools.datasets.bag_conversion import Work, write_video, WrittenCamera
@@ -34,6 +35,7 @@ from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.jobs import convert_here, find_jobs
 from opencv_tools.datasets.part import read_part
 from opencv_tools.datasets.plan import NumbersSource, Plan, STATE
+from played_bags import write_mcap
 import pytest
 from waiting import LONGEST_SECONDS, status_of, wait_until
 
@@ -187,3 +189,41 @@ def test_worker_ends_at_sigterm_and_not_at_ctrl_c() -> None:
         worker.send_signal(signal.SIGINT)
         worker.send_signal(signal.SIGTERM)  # a pool ends its processes so
         assert status_of(worker) == -signal.SIGTERM
+
+
+def split(folder: Path, drive: Drive, borders: list[float], pause: float = 0.0) -> None:
+    """Write a recording in numbered files, with a pause between two of them."""
+    ends = [BEGAN + round(one * NANO) for one in borders]
+    for number, (begin, end) in enumerate(zip([0, *ends], [*ends, 1 << 62])):
+        moved = round(number * pause * NANO)
+        write_mcap(folder / f'd_{number + 9}.mcap', with_definitions([
+            entry._replace(log_ns=entry.log_ns + moved) for entry in drive.entries()
+            if begin <= entry.log_ns < end]))
+
+
+@pytest.mark.parametrize('borders', [[0.5], [0.31, 0.73], [0.1, 0.15, 0.2, 1.4]])
+@pytest.mark.parametrize('source', ['', 'd_*.mcap'])
+def test_numbered_files_of_a_recording_are_one_bag(
+        source: str, borders: list[float], tmp_path: Path, capsys: Errors) -> None:
+    (tmp_path / 'ring').mkdir()
+    drive = Drive(seconds=1.7)
+    split(tmp_path / 'ring', drive, borders)
+    assert convert(tmp_path / 'ring' / source, tmp_path / 'set', *USUAL) == 0
+    assert [row['length'] for row in episodes_of(tmp_path / 'set')] == [51]
+    assert check_rows(tmp_path / 'set', drive.picture_ns) == [*range(51)]
+    assert f'd_9.mcap to d_{9 + len(borders)}.mcap are one recording' in capsys.readouterr().err
+    assert main(['--check', str(tmp_path / 'set')]) == 0
+    (tmp_path / 'whole').mkdir()
+    drive.write(tmp_path / 'whole/d_9.mcap')
+    assert convert(tmp_path / 'whole', tmp_path / 'other', *USUAL) == 0
+    assert (tmp_path / 'set/data/chunk-000/file-000.parquet').read_bytes() == (
+        tmp_path / 'other/data/chunk-000/file-000.parquet').read_bytes()
+
+
+def test_numbered_files_with_a_pause_are_recordings_of_their_own(tmp_path: Path) -> None:
+    split(tmp_path, Drive(seconds=1), [0.5], pause=1.2)
+    assert names(tmp_path, tmp_path) == ['d_9.mcap', 'd_10.mcap']
+    split(tmp_path, Drive(seconds=1), [0.5], pause=0.9)
+    assert names(tmp_path, tmp_path) == ['d_9.mcap']
+    (tmp_path / 'd_9.mcap').rename(tmp_path / 'd_8.mcap')
+    assert names(tmp_path, tmp_path) == ['d_8.mcap', 'd_10.mcap']
