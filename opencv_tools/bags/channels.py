@@ -16,17 +16,20 @@
 
 from __future__ import annotations
 
-from opencv_tools.bags.offered_qos import read_offered_qos
+from opencv_tools.bags.offered_qos import KEEP_LAST, read_offered_qos
 from opencv_tools.bags.reading import BagTopic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.message_types.definition import DefinitionError, read_definition
 
 _TRANSIENT_LOCAL = 1
+_MOST_KEPT = 100
 
 
-def is_latched(topic: BagTopic | BagChannel) -> bool:
-    """Return whether a publisher of a topic keeps its last messages for late subscribers."""
-    return any(offer.durability == _TRANSIENT_LOCAL for offer in read_offered_qos(topic.qos))
+def kept_messages(topic: BagTopic | BagChannel) -> int:
+    """Return how many messages the publishers of a topic keep for late subscribers, up to 100."""
+    return min(_MOST_KEPT, sum(
+        max(1, offer.depth if offer.history == KEEP_LAST else _MOST_KEPT)
+        for offer in read_offered_qos(topic.qos) if offer.durability == _TRANSIENT_LOCAL))
 
 
 def channel_of(topic: BagTopic) -> BagChannel:

@@ -24,7 +24,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from opencv_tools.bags.channels import channel_of, is_latched
+from opencv_tools.bags.channels import channel_of, kept_messages
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.open_bag import Bag
@@ -76,7 +76,7 @@ class OtherTopics:
             if item.log_ns > end_ns:
                 self._rest = chain([item], self._rest)
                 break
-            if item.log_ns < begin_ns and not is_latched(item.topic):
+            if item.log_ns < begin_ns and not kept_messages(item.topic):
                 self._outside[item.topic] += 1
                 continue
             with suppress(BagError, OSError):  # the account has those that fail

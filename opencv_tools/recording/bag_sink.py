@@ -17,13 +17,15 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 import time
 from typing import Any, ClassVar
 
+from opencv_tools.bags.channels import kept_messages
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import (
@@ -164,6 +166,7 @@ class BagFile:
         self.frames = self.flushed = self.skipped = self.bytes_waiting = 0
         self.is_full = self.is_finished = False
         self.others = 0  # messages of batches
+        self.is_begun = False  # whether it has the latched messages of earlier files
         self._path = path
         self._room = room
         self._writer = BagWriter(path)
@@ -203,6 +206,18 @@ class BagFile:
             batch.result.written += 1
             self.others += 1
         return True
+
+    def write_latched(self, messages: Iterable[RecordedMessage], log_ns: int) -> None:
+        """
+        Write messages of earlier files at the begin, which no count has.
+
+        :param log_ns: time of the first message that follows.
+        :raises OSError: the file cannot be written.
+        """
+        if not self.is_begun:
+            for message in messages:
+                self._write(replace(message, log_ns=log_ns))
+        self.is_begun = True
 
     def _write(self, message: RecordedMessage) -> bool:
         """Write a message if there is room for it."""
@@ -249,6 +264,8 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
         self._has_video = False  # the last frame
+        # The last messages of each topic that a late subscriber would get, also in a next file.
+        self._latched: dict[BagChannel, deque[RecordedMessage]] = {}
 
     def prepare(self, frame: ReceivedFrame) -> _Prepared:
         """Convert a frame to a message, without a copy of unchanged data; see `FileFormat`."""
@@ -283,7 +300,14 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
               ) -> bool:
         """Write the message of a frame, or those of a batch; see `FileFormat`."""
         if isinstance(prepared, MessageBatch):
-            return file.writer.write_batch(prepared)
+            written = prepared.result.written
+            try:
+                return file.writer.write_batch(prepared)
+            except OSError:
+                self._keep_latched(prepared.messages[prepared.result.written:])
+                raise
+            finally:
+                self._keep_latched(prepared.messages[written:prepared.result.written])
         self._has_video = isinstance(prepared.image, WireVideo)
         return file.writer.write(prepared)
 
@@ -298,12 +322,20 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         except ImageError:
             return True
 
+    def _keep_latched(self, messages: Iterable[RecordedMessage]) -> None:
+        for message in messages:
+            if message.channel not in self._latched:
+                self._latched[message.channel] = deque(maxlen=kept_messages(message.channel))
+            self._latched[message.channel].append(message)
+
     def add_message(self, message: RecordedMessage) -> None:
         """Add a message that is not a frame; see `BagSink`."""
         self._waiting.append(message)
 
     def write_others(self, writer: BagFile, prepared: _Prepared | None) -> None:
         """Write the messages that were received before a frame, or all; see `FileFormat`."""
+        if prepared:
+            writer.write_latched(chain.from_iterable(self._latched.values()), prepared.log_ns)
         with suppress(IndexError):
             while prepared is None or self._waiting[0].log_ns <= prepared.log_ns:
                 writer.write(self._waiting.popleft(), is_frame=False)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 import errno
 import hashlib
 import json
@@ -34,6 +35,7 @@ from bag_readers import decode, read_by_all, read_indexed
 from conftest import disk_of, read_manifest, recorded_files
 from console import Console
 import numpy as np
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import (
@@ -286,6 +288,77 @@ def test_batch_larger_than_its_bag(tmp_path: Path) -> None:
     assert 1 <= len(read_by_all(path)) < 19
 
 
+def latched(first: int, count: int, topic: str, offers: int = 1, depth: int = 1) -> MessageBatch:
+    """Return messages of a topic that publishers keep for late subscribers."""
+    qos = offered_qos_text([OfferedQos(durability=1, depth=depth)] * offers)
+    item = batch(first, count, 80)
+    channel = BagChannel(topic=topic, type_name='std_msgs/msg/String', qos=qos)
+    return replace(item, messages=tuple(replace(
+        one, channel=channel, parts=(b'\0\1\0\0\2\0\0\0' + bytes([first + number, 0]),))
+        for number, one in enumerate(item.messages)))
+
+
+def of_topic(path: Path, topic: str) -> list[int]:
+    """Return the numbers of the messages of a topic in a bag, which is readable alone."""
+    return [stored.data[8] for stored in read_by_all(path) if stored.topic == topic]
+
+
+@pytest.mark.parametrize(('limits', 'topics', 'frames'), [
+    (Limits(split_seconds=3.0), {'/robot_description': (1, 1)}, 20),
+    (Limits(max_seconds=40.0, ring=True), {'/robot_description': (1, 1), '/tf_static': (3, 1)},
+     100),
+    (Limits(split_bytes=9000), {'/map': (1, 5), '/tf_static': (2, 2)}, 31)])
+def test_each_file_begins_with_the_latched_messages(
+        limits: Limits, topics: dict[str, tuple[int, int]], frames: int, tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, 'd_{seq:03d}.mcap', limits=limits)
+    items = [latched(0, 7, topic, *kept) for topic, kept in topics.items()]
+    for item in items:
+        put(bags, item)
+    for number in range(7, frames):
+        put(bags, frame(number))
+        put(bags, batch(number, 1))
+    bags.close()
+    files = recorded_files(tmp_path)
+    assert len(files) > 3
+    for path in files[0 if limits.ring else 1:]:
+        stored = read_by_all(path)
+        for topic, (offers, depth) in topics.items():
+            assert of_topic(path, topic) == [*range(7 - offers * depth, 7)], path
+        assert [one.topic for one in stored[:3]].count('/video_frames') <= 1
+        assert [one.log_ns for one in stored] == sorted(one.log_ns for one in stored)
+    if not limits.ring:
+        assert of_topic(files[0], next(iter(topics))) == [*range(7)]
+    assert [item.result.written for item in items] == [7] * len(items)
+    assert bags.counts.kept == frames - 7
+
+
+def test_latched_message_is_in_the_file_after_a_full_disk(tmp_path: Path) -> None:
+    clock = SteppedClock()
+    bags = open_bags(tmp_path, 'd_{seq}.mcap', clock=clock)
+    put(bags, latched(0, 1, '/robot_description'))
+    with disk_of(20_000):
+        assert put_all(bags, range(1, 30), os.strerror(errno.EFBIG)) > 5
+        with pytest.raises(OSError):
+            put(bags, latched(30, 1, '/tf_static'))
+    clock.step_to(clock.now + 3)
+    assert put_all(bags, range(31, 34)) == 0
+    put(bags, latched(35, 1, '/robot_description'))
+    bags.close()
+    first, second = recorded_files(tmp_path)
+    assert of_topic(first, '/robot_description') == [0]
+    assert of_topic(second, '/robot_description') == [0, 35]
+    assert numbers(second) == [31, 32, 33]
+
+
+def test_latched_messages_alone_make_no_bag(tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, 'd_{seq}.mcap', limits=Limits(max_bytes=20_000, ring=True))
+    put(bags, latched(0, 1, '/map'))
+    with pytest.raises(UnwritableError):
+        put(bags, frame(1, 30_000))
+    bags.close()
+    assert [of_topic(path, '/map') for path in recorded_files(tmp_path)] in ([], [[0]])
+
+
 def test_names_of_existing_bags(tmp_path: Path) -> None:
     for expected in ('drive.mcap', 'drive_1.mcap', 'drive_2.mcap'):
         bags = open_bags(tmp_path)
@@ -514,6 +587,7 @@ def test_error_of_one_frame(tmp_path: Path) -> None:
 
 RECORD = """
 import pathlib, sys
+from opencv_tools.bags.offered_qos import offered_qos_text, OfferedQos
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.image.cdr import WireHeader, WireImage
 from opencv_tools.recording.bag_sink import MessageFrame
