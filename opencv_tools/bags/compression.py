@@ -16,13 +16,20 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+import shutil
 from typing import Any
 
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.reading import MAX_BYTES
+from opencv_tools.base.regular_files import open_regular
 from opencv_tools.base.remedies import installation
-from opencv_tools.base.text import printable
+from opencv_tools.base.text import MAX_PATH, printable
 
+_MAX_WINDOW = 1 << 27  # bytes of memory; zstd itself allows no more without an option
+_PART_BYTES = 1 << 22
+_RESERVE_BYTES = 10**9  # of the disk
 _ZSTD = b'\x28\xb5\x2f\xfd'  # first bytes of a frame
 
 
@@ -66,6 +73,34 @@ def decompressed_message(serialized: memoryview) -> memoryview:
         raise BagError(f'its data have an unknown size or more than {MAX_BYTES} bytes, which are '
                        'not read')
     return decompress(serialized, 'zstd', size)
+
+
+def unpack_file(path: Path, target: Path) -> None:
+    """
+    Write the content of a file of zstd to a new file, part by part.
+
+    What follows a cut is missing. The disk of the new file keeps 1 GB free.
+
+    :raises BagError: the file is damaged, the disk has no room, or a library is missing.
+    :raises OSError: a file cannot be read or written.
+    """
+    shown = printable(path.name, MAX_PATH)
+    try:
+        import zstandard
+    except ImportError as err:
+        raise BagError(f'{shown} needs zstandard, which cannot be imported ({err}); '
+                       f'{installation("mcap")}') from err
+    try:
+        with os.fdopen(open_regular(path), 'rb') as packed, target.open('xb') as file, (
+                zstandard.ZstdDecompressor(max_window_size=_MAX_WINDOW).stream_reader(
+                    packed, read_across_frames=True)) as content:
+            while data := content.read(_PART_BYTES):
+                if shutil.disk_usage(target.parent).free < _RESERVE_BYTES:
+                    raise BagError(f'{shown} does not fit into {target.parent.parent}; set TMPDIR '
+                                   "to a folder on a larger disk, or unpack it with 'unzstd'")
+                file.write(data)
+    except zstandard.ZstdError as err:
+        raise BagError(f'{shown} cannot be decompressed: {printable(err)}') from err
 
 
 def _decompress_lz4(data: memoryview, size: int) -> Any:

@@ -28,7 +28,9 @@ from itertools import islice
 import os
 from pathlib import Path
 import re
+from tempfile import TemporaryDirectory
 
+from opencv_tools.bags.compression import unpack_file
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
@@ -114,6 +116,10 @@ def _is_packed(path: Path) -> bool:
         BAG_SUFFIXES)
 
 
+def _unpacked_name(path: Path) -> str:
+    return path.stem if _is_packed(path) else path.name
+
+
 @dataclass(frozen=True)
 class BagFiles:
     """
@@ -141,24 +147,21 @@ def bag_files(path: Path) -> BagFiles:
     if path.suffix.lower() == _ROS1_SUFFIX:
         raise BagError(f"{shown} is a bag of ROS 1; convert it with 'rosbags-convert --src "
                        f"{shown} --dst FOLDER' of rosbags; {installation('rosbags')}")
-    if _is_packed(path):
-        raise BagError(f"{shown} is compressed; unpack it with 'unzstd'")
     if not path.is_dir():
         return BagFiles([path])
-    files = [file for file in path.iterdir()
-             if file.suffix.lower() in BAG_SUFFIXES and not file.name.startswith('.')]
+    # The name of a packed file is that of its content, which may be there as well.
+    files = {_unpacked_name(file): file for file in sorted(
+        path.iterdir(), key=_is_packed, reverse=True) if not file.name.startswith('.') and (
+            _is_packed(file) or file.suffix.lower() in BAG_SUFFIXES)}
     if not files:
-        packed = next(path.glob('*.zstd'), None)
-        raise BagError(
-            f"{printable(packed, MAX_PATH)} is compressed; unpack it with 'unzstd'" if packed
-            else f'{shown} has no file with the extension {" or ".join(BAG_SUFFIXES)}')
-    return _in_order(path / _METADATA, {file.name: file for file in files})
+        raise BagError(f'{shown} has no file with the extension {" or ".join(BAG_SUFFIXES)}')
+    return _in_order(path / _METADATA, files)
 
 
 def _in_order(metadata: Path, files: dict[str, Path]) -> BagFiles:
     """Return files by name in the order of the metadata, if these can be used."""
     try:
-        names = [name.removesuffix('.zstd') for name in read_file_names(metadata)]
+        names = [_unpacked_name(Path(name)) for name in read_file_names(metadata)]
         for name, count in Counter(names).items():
             if name not in files or count > 1:
                 raise BagError(f'it names {printable(name)} ' + (
@@ -185,7 +188,7 @@ def continues(before: Path, after: Path) -> bool:
     :raises BagError: a file cannot be read as a bag.
     :raises OSError: a file cannot be read.
     """
-    one, two = (_NUMBERED.fullmatch(path.stem) for path in (before, after))
+    one, two = (_NUMBERED.fullmatch(Path(_unpacked_name(path)).stem) for path in (before, after))
     if not one or not two or before.parent != after.parent or (
             (one[1], int(one[2]) + 1, one[3]) != (two[1], int(two[2]), two[3])):
         return False
@@ -198,11 +201,16 @@ def continues(before: Path, after: Path) -> bool:
 
 def open_bag_file(path: Path) -> BagReader:
     """
-    Open a file of a bag.
+    Open a file of a bag. One that is packed is unpacked to a temporary file without a name.
 
     :raises BagError: the file cannot be read as a bag.
     :raises OSError: the file cannot be read.
     """
+    if _is_packed(path):
+        with TemporaryDirectory(prefix='opencv_tools-') as folder:
+            content = Path(folder) / path.stem
+            unpack_file(path, content)
+            return open_bag_file(content)
     return Db3Reader(path) if path.suffix.lower() == '.db3' else McapReader(path)
 
 

@@ -77,6 +77,12 @@ class BagTopic:
     qos: str = field(default='', compare=False, repr=False)
     type_hash: str = field(default='', compare=False, repr=False)
 
+    def __post_init__(self) -> None:
+        """Add ``/msg/`` to the name of the type, which bags of ROS 2 Dashing leave out."""
+        package, slash, kind = self.type_name.partition('/')
+        if self.serialization == CDR and slash and '/' not in kind:
+            object.__setattr__(self, 'type_name', f'{package}/msg/{kind}')
+
     @property
     def has_images(self) -> bool:
         """Return whether the messages are images or video that can be read."""

@@ -219,9 +219,9 @@ def read_picture(type_name: str, serialized: Any, video: BagVideo, number: int,
 def _select(bag: str, name: str | None, counts: Counter[BagTopic]) -> BagTopic:
     """Return the topic with a name, or the only topic of images of a bag."""
     images = [topic for topic in counts if topic.has_images]
+    named = [topic for topic in images if name == topic.name] if name else images
     # A topic without messages, as record --all leaves it, is no candidate beside others.
-    filled = [topic for topic in images if counts[topic]]
-    found = [topic for topic in images if name == topic.name] if name else filled or images
+    found = [topic for topic in named if counts[topic]] or named
     if len(found) == 1 or (found and name is None):
         return min(found, key=lambda topic: topic.name)
     if not images:

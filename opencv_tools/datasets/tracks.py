@@ -100,6 +100,7 @@ def find_topic(bag: Bag, name: str, images: bool = False) -> BagTopic:
     """
     found = [topic for topic in bag.topics if topic.name == name and topic.serialization == CDR
              and (topic.has_images or not images)]
+    found = [topic for topic in found if bag.topics[topic]] or found
     if len(found) != 1:
         known = sorted(printable(f'{topic.name} ({topic.type_name})') for topic in bag.topics
                        if topic.has_images or not images)

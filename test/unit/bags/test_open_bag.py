@@ -18,14 +18,20 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+import sqlite3
 import sys
+import tempfile
+from tempfile import gettempdir
 
+from opencv_tools.bags import compression
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
-from opencv_tools.bags.open_bag import bag_files, is_bag, open_bag_file
-from played_bags import image_entry, write_rosbag2
+from opencv_tools.bags.open_bag import Bag, bag_files, continues, is_bag, open_bag_file
+from opencv_tools.bags.reading import BagMessage
+from played_bags import image_entry, write_mcap, write_rosbag2
 import pytest
+import zstandard
 
 
 @pytest.mark.parametrize(('name', 'expected'), [
@@ -115,23 +121,103 @@ def test_metadata_in_a_pipe(tmp_path: Path) -> None:
     assert 'is a named pipe' in bag_files(tmp_path).warning
 
 
-@pytest.mark.parametrize(('names', 'reason'), [
-    (['metadata.yaml'], r'has no file with the extension \.mcap or \.db3$'),
-    (['metadata.yaml', 'a_0.db3.zstd'], "a_0.db3.zstd is compressed; unpack it with 'unzstd'")])
-def test_folder_without_readable_files_is_refused(
-        tmp_path: Path, names: list[str], reason: str) -> None:
-    for name in names:
-        (tmp_path / name).touch()
-    with pytest.raises(BagError, match=reason):
+def test_folder_without_readable_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / 'metadata.yaml').touch()
+    with pytest.raises(BagError, match=r'has no file with the extension \.mcap or \.db3$'):
         bag_files(tmp_path)
 
 
-@pytest.mark.parametrize('name', ['a.db3.zstd', 'a.mcap.zst', 'A.MCAP.ZSTD'])
-def test_packed_bag_is_refused_with_the_remedy(tmp_path: Path, name: str) -> None:
-    (tmp_path / name).touch()
-    assert is_bag(tmp_path / name)
-    with pytest.raises(BagError, match="is compressed; unpack it with 'unzstd'"):
-        bag_files(tmp_path / name)
+def pack(path: Path, suffix: str = '.zstd', frames: int = 1) -> Path:
+    """Replace a file by a packed one, of one or several frames of zstd."""
+    data = path.read_bytes()
+    size = -(-len(data) // frames)
+    packed = path.with_name(path.name + suffix)
+    packed.write_bytes(b''.join(
+        zstandard.compress(data[begin:begin + size]) for begin in range(0, len(data), size)))
+    path.unlink()
+    return packed
+
+
+def messages_of(path: Path) -> list[tuple[str, int, bytes]]:
+    """Return all messages of a bag; assert that no temporary file is left."""
+    bag = Bag(path)
+    assert not bag.warnings
+    found = [(item.topic.name, item.log_ns, bytes(item.load()))
+             for item in bag.messages(bag.topics) if isinstance(item, BagMessage)]
+    bag.close()
+    assert not [*Path(gettempdir()).glob('opencv_tools-*')]
+    return found
+
+
+@pytest.mark.parametrize(('suffix', 'frames'), [('.zstd', 1), ('.zst', 3), ('.ZSTD', 2)])
+@pytest.mark.parametrize('kind', ['.mcap', '.db3'])
+def test_packed_file(kind: str, suffix: str, frames: int, tmp_path: Path,
+                     monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
+    entries = [*map(image_entry, range(7)), image_entry(2, topic='/other')]
+    folder = write_rosbag2(tmp_path / 'bag', kind, entries)
+    path, = folder.glob(f'*{kind}')
+    expected = messages_of(path)
+    assert len(expected) == 8
+    packed = pack(path, suffix, frames)
+    assert is_bag(packed)
+    assert messages_of(packed) == expected
+    # compression_mode FILE: metadata.yaml has one of both names.
+    assert messages_of(folder) == expected
+    metadata = folder / 'metadata.yaml'
+    metadata.write_text(metadata.read_text().replace(path.name, packed.name))
+    assert messages_of(folder) == expected
+    path.write_bytes(zstandard.ZstdDecompressor().stream_reader(
+        packed.read_bytes(), read_across_frames=True).read())
+    packed.write_bytes(b'damaged')  # the file itself is there as well
+    assert messages_of(folder) == expected
+
+
+def test_packed_files_of_a_split_follow_each_other(tmp_path: Path) -> None:
+    for part in range(3):
+        pack(write_mcap(tmp_path / f'd_{part}.mcap', map(image_entry, range(
+            7 * part, 7 * part + 7))))
+    files = sorted(tmp_path.iterdir())
+    assert len({*Bag(tmp_path / 'd_*', files).topics}) == 1
+    assert continues(files[0], files[1]) and continues(files[1], files[2])
+    assert not continues(files[0], files[2])
+
+
+@pytest.mark.parametrize(('data', 'reason'), [
+    (b'no zstd at all', 'a.mcap.zstd cannot be decompressed: '),
+    (b'', 'a.mcap is not an MCAP file'), (zstandard.compress(b'hello'), 'is not an MCAP file')])
+def test_packed_file_that_is_damaged(data: bytes, reason: str, tmp_path: Path) -> None:
+    (tmp_path / 'a.mcap.zstd').write_bytes(data)
+    with pytest.raises(BagError, match=reason):
+        Bag(tmp_path / 'a.mcap.zstd')
+
+
+def test_packed_file_that_is_cut_off(tmp_path: Path) -> None:
+    path = pack(write_mcap(tmp_path / 'a.mcap', [
+        image_entry(one % 250) for one in range(9000)], use_chunking=False))
+    path.write_bytes(path.read_bytes()[:path.stat().st_size // 2])
+    assert 'a.mcap has no end' in Bag(path).warnings[0]
+
+
+def test_packed_file_larger_than_the_disk(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = pack(write_mcap(tmp_path / 'a.mcap', map(image_entry, range(2))))
+    monkeypatch.setattr(compression, '_RESERVE_BYTES', 1 << 60)
+    with pytest.raises(BagError, match=r'does not fit into .*; set TMPDIR to a folder'):
+        Bag(path)
+
+
+@pytest.mark.parametrize('kind', ['.mcap', '.db3'])
+def test_type_names_of_dashing(kind: str, tmp_path: Path) -> None:
+    if kind == '.mcap':
+        path = write_mcap(tmp_path / 'a.mcap', [
+            image_entry(1)._replace(type_name='sensor_msgs/Image')])
+    else:
+        path, = write_rosbag2(tmp_path / 'a', kind, [image_entry(1)]).glob('*.db3')
+        with sqlite3.connect(path) as database:
+            database.execute("UPDATE topics SET type = 'sensor_msgs/Image'")
+    topic, = Bag(path).topics
+    assert topic.type_name == 'sensor_msgs/msg/Image' and topic.has_images
 
 
 def test_bag_of_ros_1_is_refused_with_the_remedy(tmp_path: Path) -> None:
