@@ -41,19 +41,20 @@ OTHER_IMAGES = ('--image takes colours and mono8, --depth takes 16UC1, mono16 an
 
 
 def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int], is_depth: bool = False,
-                 ) -> Generator[OutputImage | str, None, None]:
+                 kept: int = 1) -> Generator[OutputImage | str, None, None]:
     """
     Yield pictures of a topic, decoded and, unless they are depth, converted to ``bgr8``.
 
     :param bag: the bag; it may be read by others at the same time.
     :param messages: increasing numbers of messages among those of the topic, from 0.
+    :param kept: number of pictures that the caller needs beside the last one.
     :returns: an iterator over the picture of each message, or why it cannot be decoded. A picture
-        is valid until the one after the next is decoded.
+        is valid until ``kept`` others and the next one are decoded.
     :raises BagError: a file cannot be read as a bag.
     :raises OSError: a file cannot be read.
     """
     reader, video = copy(bag), BagVideo(topic.type_name)  # the copy has its own open file
-    numbers, memory = iter(messages), _Memory()
+    numbers, memory = iter(messages), _Memory(kept + 1)
     wanted, place = next(numbers, None), 0
     with closing(reader):
         for item in reader.messages([topic]):
@@ -72,10 +73,10 @@ def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int], is_depth: b
 
 
 class _Memory:
-    """Two arrays that pictures use in turn, because new memory takes time at the first use."""
+    """Arrays that pictures use in turn, because new memory takes time at the first use."""
 
-    def __init__(self) -> None:
-        self._arrays: list[NDArray[Any]] = [np.empty((0, 0, 3), np.uint8)] * 2
+    def __init__(self, count: int) -> None:
+        self._arrays: list[NDArray[Any]] = [np.empty((0, 0, 3), np.uint8)] * count
         self._number = 0
 
     def lend(self, height: int, width: int, _: Any) -> NDArray[Any]:
@@ -86,7 +87,7 @@ class _Memory:
 
     def keep(self) -> None:
         """Keep the picture that was written to the lent array."""
-        self._number = 1 - self._number
+        self._number = (self._number + 1) % len(self._arrays)
 
 
 def _decoded(topic: BagTopic, item: BagMessage, video: BagVideo, memory: _Memory | None,

@@ -63,6 +63,14 @@ def can_begin(type_name: str, serialized: Any) -> bool:
         return True  # decoding says why it cannot be
 
 
+def is_video(type_name: str, serialized: Any) -> bool:
+    """Return whether a message has video, whose pictures have the order of the bag."""
+    with suppress(ImageError):
+        return type_name != IMAGE and isinstance(
+            read_compressed(type_name, serialized), WireVideo)
+    return False
+
+
 class BagVideo:
     """Decode the packets of a topic. Skipped ones are decoded if a later one needs them."""
 

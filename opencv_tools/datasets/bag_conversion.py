@@ -35,11 +35,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.datasets.depth import codes_of, DepthImages
-from opencv_tools.datasets.episodes import episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features, rows_table
 from opencv_tools.datasets.part import bag_state, FINGERPRINT, is_done, PART, ROWS
-from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures
+from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures, rows_with_pictures
 from opencv_tools.datasets.plan import IMAGES, LEROBOT, Plan, STAMPS
 from opencv_tools.datasets.row_values import (
     row_numbers, row_stamps, row_vectors, shortened, shown_rows, topic_accounts, unused_topics)
@@ -213,7 +212,7 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1,
     if is_done(target, plan, state):
         return
     recording = read_recording(open_bag(Path(path), files), plan)
-    episodes = episodes_of(recording, plan, name)
+    recording, episodes = rows_with_pictures(plan, recording, name)
     target.parent.mkdir(parents=True, exist_ok=True)
     work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')
     work.mkdir()

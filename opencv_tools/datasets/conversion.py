@@ -25,13 +25,13 @@ from pathlib import Path
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.depth import codes_of, DepthImages
-from opencv_tools.datasets.episodes import check_bags, episodes_of
+from opencv_tools.datasets.episodes import check_bags
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.folders import check_target, locked_parts, remove_part, working_parts
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
-from opencv_tools.datasets.pictures import row_pictures
+from opencv_tools.datasets.pictures import row_pictures, rows_with_pictures
 from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
 from opencv_tools.datasets.row_values import shortened, topic_accounts
 from opencv_tools.datasets.set_writing import topic_lines, write_set
@@ -49,7 +49,7 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     """
     bag, name = open_bag(job.path, job.files), job.name
     recording = read_recording(bag, plan)
-    episodes = episodes_of(recording, plan, name)
+    recording, episodes = rows_with_pictures(plan, recording, name)
     uses: dict[str, list[str]] = {}
     for camera, topic in plan.images:
         uses.setdefault(topic, []).append(IMAGES + camera)
@@ -61,13 +61,12 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
         uses.setdefault(plan.episodes.topic, []).append('begin and end of episodes')
     kept = shortened(plan, episodes)
     rows = [len(one.times) for one in kept]
-    for camera, _ in plan.images if any(rows) else ():
+    for camera in plan.depth if any(rows) else ():
         with closing(row_pictures(plan, recording, camera, kept)) as pictures:
             _, picture = next(pictures)
-        if camera in plan.depth:
-            codes = DepthImages(camera, codes_of(plan)).read(picture)
-            if plan.format == LEROBOT:
-                check_depth_size(codes)
+        codes = DepthImages(camera, codes_of(plan)).read(picture)
+        if plan.format == LEROBOT:
+            check_depth_size(codes)
     yield f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes'
     for found, count in sorted(bag.topics.items(), key=lambda pair: pair[0].name):
         use = ' and '.join(uses.get(found.name, ['not used']))

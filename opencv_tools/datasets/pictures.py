@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
+from dataclasses import replace
+from itertools import count
 from typing import Any
 
 import cv2
@@ -27,10 +29,52 @@ from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_pictures import bag_pictures
 from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.datasets.episodes import episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
+
+
+class _FirstPicturesError(DatasetError):
+    """The first pictures of a camera cannot be decoded, but a later one can."""
+
+    def __init__(self, name: str, samples: Sequence[int], reason: str) -> None:
+        super().__init__(reason)
+        self.name, self.samples = name, samples
+
+    def without(self, recording: Recording) -> Recording:
+        """Return the samples of a bag without those pictures, which count as failed."""
+        track, count = recording.tracks[self.name], len(self.samples)
+        rest = {one: np.delete(getattr(track, one), self.samples, axis=0)
+                for one in ('times', 'messages', 'values', 'logs')}
+        return replace(recording, tracks={**recording.tracks, self.name: replace(
+            track, failed=track.failed + count, **rest)}, warnings=[
+                *recording.warnings,
+                f'{self.name}: the first {count} pictures cannot be decoded: {self}'])
+
+
+def rows_with_pictures(plan: Plan, recording: Recording, bag: str,
+                       ) -> tuple[Recording, list[Rows]]:
+    """
+    Return the samples and the rows of a bag, which begin with pictures that can be decoded.
+
+    :param bag: name of the bag, for a table of episodes.
+    :raises DatasetError: a picture cannot be used, or as of `episodes_of`.
+    """
+    while True:
+        attempt = replace(recording, warnings=[*recording.warnings])
+        episodes = episodes_of(attempt, plan, bag)
+        try:
+            for camera, _ in plan.images:
+                with closing(row_pictures(plan, attempt, camera, episodes)) as pictures:
+                    next(pictures)
+            return attempt, episodes
+        except _FirstPicturesError as err:
+            recording = err.without(recording)
+
+
+_MOST_AHEAD = 100  # pictures in memory
 
 
 def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence[Rows],
@@ -51,8 +95,7 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
     samples = np.concatenate([rows.samples[name] for rows in episodes]).tolist()
     times = np.concatenate([rows.times for rows in episodes]).tolist()
     wanted = sorted(set(samples))
-    pictures = bag_pictures(recording.bag, track.topic, track.messages[wanted].tolist(),
-                            is_depth=name in plan.depth)
+    pictures = _open_pictures(plan, recording, name, wanted)
     current = -1
     shown: tuple[int, OutputImage] | None = None
     size: tuple[int, int] | None = None
@@ -73,11 +116,45 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
                 else:
                     shown, size = (sample, picture), picture.size
             if shown is None:
+                bad = [sample]
+                for other in wanted[1:]:
+                    if not isinstance(_next(pictures), str):
+                        raise _FirstPicturesError(name, bad, reason)
+                    bad.append(other)
                 raise DatasetError(f'{name} has no picture for the first row: message '
                                    f'{track.messages[sample]} of {printable(track.topic.name)} '
                                    f'cannot be decoded: {reason}')
             _check_age(plan, name, time_ns - int(track.times[shown[0]]))
             yield shown
+
+
+def _open_pictures(plan: Plan, recording: Recording, name: str, samples: Sequence[int],
+                   ) -> Generator[OutputImage | str, None, None]:
+    """Return an iterator over the pictures of some samples, in the order of their stamps."""
+    track = recording.tracks[name]
+    messages = track.messages[samples]
+    places = np.argsort(np.argsort(messages))  # in the bag, of pictures in the order of stamps
+    # While one is shown, those that are read before their turn wait for it.
+    latest = np.maximum.accumulate(places)
+    ahead = int((latest - np.arange(len(places))).max() + (latest - places).max())
+    if ahead > _MOST_AHEAD:
+        raise DatasetError(f'{name} has pictures {ahead} places before those with earlier stamps, '
+                           f'at most {_MOST_AHEAD} are possible; use --clock log')
+    found = bag_pictures(recording.bag, track.topic, np.sort(messages).tolist(),
+                         is_depth=name in plan.depth, kept=ahead + 1)
+    return _in_order(found, places.tolist())
+
+
+def _in_order(pictures: Generator[OutputImage | str, None, None], places: Sequence[int],
+              ) -> Generator[OutputImage | str, None, None]:
+    """Yield pictures in another order; those that are read before their turn wait."""
+    waiting: dict[int, OutputImage | str] = {}
+    numbers = count()
+    with closing(pictures):
+        for place in places:
+            while place not in waiting:
+                waiting[next(numbers)] = _next(pictures)
+            yield waiting.pop(place)
 
 
 def _next(pictures: Iterator[OutputImage | str]) -> OutputImage | str:

@@ -69,9 +69,9 @@ def topic_accounts(recording: Recording, wanted: Sequence[Rows], shown: Sequence
     for name, track in recording.tracks.items():
         one = match(track.times, wanted, shown, name)
         found[name] = asdict(replace(
-            one, dropped=one.dropped + track.late, before=one.before + track.left_out,
-            failed=one.failed + track.failed,
-            messages=one.messages + track.late + track.left_out + track.failed))
+            one, dropped=one.dropped + track.late + track.partial,
+            before=one.before + track.left_out, failed=one.failed + track.failed,
+            messages=one.messages + track.late + track.partial + track.left_out + track.failed))
     return found
 
 

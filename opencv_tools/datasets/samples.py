@@ -91,27 +91,27 @@ def find_value(message: dict[str, Any], path: tuple[str, ...]) -> tuple[Any, Any
     return value, parent
 
 
-def numbers_of(message: dict[str, Any], source: NumbersSource) -> NDArray[np.float64]:
+def numbers_of(message: dict[str, Any], source: NumbersSource,
+               ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """
-    Return the numbers of a message.
+    Return the numbers of a message, and whether it has each of them.
 
     :param message: message as `NumbersReader.read` returns it.
     :param source: path of the numbers. If it has names, the numbers have their order.
-    :returns: (n,) array.
-    :raises DatasetError: the numbers, or one of the names, are missing.
+    :returns: two (n,) arrays; a number that the message does not have is 0.
+    :raises DatasetError: the numbers are missing, or one is there twice.
     """
     names, values = _named(message, source)
     if not source.names or names == source.names:
-        return values
+        return values, np.ones(len(values), np.bool_)
     places = {name: place for place, name in enumerate(names)}
     if len(places) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise DatasetError(f"'{twice}' is there twice")
-    missing = [name for name in source.names if name not in places]
-    if missing:
-        raise DatasetError(f'{enumerated(missing)} of {len(source.names)} is missing; there is '
-                           f'{enumerated(names, 20) or "nothing"}')
-    return values[[places[name] for name in source.names]]
+    is_known = np.array([name in places for name in source.names])
+    found = np.zeros(len(source.names))
+    found[is_known] = values[[places[name] for name in source.names if name in places]]
+    return found, is_known
 
 
 def names_of(message: dict[str, Any], source: NumbersSource) -> tuple[str, ...]:
@@ -185,8 +185,10 @@ class Samples:
     :param stamps: stamp of each message, 0 without one.
     :param places: number of each message among all of the topic.
     :param values: numbers of all messages.
+    :param known: whether the message has each of these numbers.
     :param events: values that begin or end episodes; None if the numbers are used.
     :param can_begin: returns whether a message can be decoded without those before it.
+    :param is_video: returns whether a message has video; the first one tells.
     :param left_out: number of messages before the first one that can.
     :param damaged: number of those that cannot be read.
     """
@@ -198,8 +200,11 @@ class Samples:
     stamps: array[int] = field(default_factory=lambda: array('q'))
     places: array[int] = field(default_factory=lambda: array('q'))
     values: array[float] = field(default_factory=lambda: array('d'))
+    known: array[int] = field(default_factory=lambda: array('b'))
     events: list[Any] | None = None
     can_begin: Callable[[Any], bool] | None = None
+    is_video: Callable[[Any], bool] | None = None
+    has_video: bool = False
     left_out: int = 0
     count: int = 0
     damaged: int = 0
@@ -222,6 +227,8 @@ class Samples:
             if self.can_begin and not self.logs and not self.can_begin(serialized):
                 self.left_out += 1
                 return
+            if self.is_video and not self.logs:
+                self.has_video = self.is_video(serialized)
             stamp = _stamp(serialized) if not self.reader or self.reader.has_stamp else 0
             self.logs.append(item.log_ns)
         except (ImageError, OSError, OverflowError, struct.error):
@@ -230,9 +237,25 @@ class Samples:
         if self.events is not None and self.source:
             self.events.append(_event(message, self.source))
         elif self.source:
-            self.values.extend(numbers_of(message, self.source))
+            values, is_known = numbers_of(message, self.source)
+            self.values.extend(values)
+            self.known.extend(is_known.tolist())
         self.stamps.append(stamp)
         self.places.append(place)
+
+    def leave_out_zero(self) -> bool:
+        """
+        Leave out a first message with the stamp 0, as simulators begin; return whether it was.
+
+        Several stamps of 0 are an error of `times`.
+        """
+        has_zero = len(self.stamps) > 1 and not self.stamps[0] and self.stamps[1] != 0
+        if has_zero:
+            width = len(self.values) // len(self.logs)
+            del self.logs[0], self.stamps[0], self.places[0]
+            del self.values[:width], self.known[:width]
+            self.left_out += 1
+        return has_zero
 
     @property
     def speed(self) -> float:
@@ -276,10 +299,14 @@ def first_names(messages: Iterable[BagMessage | Damage], topic: BagTopic, source
     """
     Return the names of the numbers in the first message that can be read.
 
+    Several publishers may send different joints. Names of messages that have none of those before
+    follow them.
+
     :raises DatasetError: there is none, or it has no such numbers.
     """
     reader = NumbersReader(topic)
     reason = 'has no messages'
+    found: tuple[str, ...] = ()
     try:
         for item in messages:
             if isinstance(item, Damage):
@@ -289,12 +316,23 @@ def first_names(messages: Iterable[BagMessage | Damage], topic: BagTopic, source
             except (ImageError, OSError) as err:
                 reason = f'has no message that can be read: {err}'
                 continue
-            return names_of(message, source)
+            if not found or {*_joints(message, source)}.isdisjoint(found):
+                found += names_of(message, source)
+            if not _joints(message, source):
+                break
     except (ImageError, OSError) as err:
         raise DatasetError(f'{printable(source.topic)}: {err}') from err
     except DatasetError as err:
         raise DatasetError(f'{printable(source.topic)}: {err}') from err
-    raise DatasetError(f'{printable(source.topic)} {reason}')
+    if not found:
+        raise DatasetError(f'{printable(source.topic)} {reason}')
+    return found
+
+
+def _joints(message: dict[str, Any], source: NumbersSource) -> list[str]:
+    """Return the names beside the numbers of a message; [] if its numbers have none."""
+    value, parent = find_value(message, source.path)
+    return _array_names(value, parent) if isinstance(value, np.ndarray) else []
 
 
 def _event(message: dict[str, Any], source: NumbersSource) -> Any:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +29,7 @@ from opencv_tools.bags.open_bag import Bag
 from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.base.units import NANO
-from opencv_tools.capture.bag_video import can_begin
+from opencv_tools.capture.bag_video import can_begin, is_video
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource, Plan
 from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
@@ -46,7 +46,11 @@ class Track:
     :param times: (n,) increasing times in nanoseconds.
     :param messages: (n,) number of the message of each sample among all of the topic, from 0.
     :param values: (n, d) numbers of each sample; (n, 0) for images.
-    :param late: number of samples that are left out, because an earlier one has a later time.
+    :param logs: (n,) times of the recording of the samples.
+    :param late: number of samples that are left out, because another one has the same time or,
+        in a topic of video, an earlier one has a later time.
+    :param partial: number of messages that have none of the numbers, or not all of them while one
+        is older than the largest gap.
     :param left_out: number of messages before the first one that can be decoded.
     :param failed: number of messages that cannot be read.
     """
@@ -55,7 +59,9 @@ class Track:
     times: NDArray[np.int64]
     messages: NDArray[np.int64]
     values: NDArray[np.float64]
+    logs: NDArray[np.int64]
     late: int
+    partial: int
     left_out: int
     failed: int
     offset_ns: int
@@ -145,13 +151,34 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
     :param count: number of messages that the topic has; those of a damaged part are not read.
     """
     times = samples.times(plan.clock, name)
-    newest = np.maximum.accumulate(times)
-    kept = np.concatenate(([True], times[1:] > newest[:-1]))
-    values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)
-    return Track(topic=samples.topic, times=times[kept], messages=integers(samples.places)[kept],
-                 values=values[kept], late=int(np.count_nonzero(~kept)),
-                 left_out=samples.left_out, failed=samples.damaged + max(0, count - samples.count),
-                 offset_ns=int(np.median(integers(samples.logs) - times)))
+    logs, places = integers(samples.logs), integers(samples.places)
+    order = np.arange(len(times)) if samples.has_video else np.argsort(times, kind='stable')
+    values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)[order]
+    times, partial, incomplete = times[order], np.zeros(len(times), np.bool_), 0
+    if samples.source:
+        known = np.frombuffer(samples.known, np.bool_).reshape(values.shape)[order]
+        newest = np.maximum.accumulate(np.where(known, np.arange(len(times))[:, None], -1))
+        values, oldest = values[newest, np.arange(values.shape[1])], newest.min(axis=1)
+        if oldest[-1] < 0:
+            missing = [one for one, place in zip(samples.source.names, newest[-1]) if place < 0]
+            raise DatasetError(f'{name}: no message has {enumerated(missing)}')
+        incomplete = int(np.count_nonzero(oldest < 0))
+        partial = (oldest >= 0) & (~known.any(axis=1) | (
+            times - times[oldest] > plan.max_gap * NANO))
+        # Messages of two publishers may have one time, and the last one has all numbers.
+        kept = np.concatenate((times[1:] > times[:-1], [True])) & (oldest >= 0) & ~partial
+    else:
+        latest = np.maximum.accumulate(times)
+        kept = np.concatenate(([True], times[1:] > latest[:-1]))
+    if not kept.any():
+        raise DatasetError(f'{name} has no message with all numbers within --max-gap')
+    return Track(
+        topic=samples.topic, times=times[kept], messages=places[order][kept], values=values[kept],
+        logs=logs[order][kept], partial=int(np.count_nonzero(partial)),
+        late=int(np.count_nonzero(~kept) - np.count_nonzero(partial)) - incomplete,
+        left_out=samples.left_out + incomplete,
+        failed=samples.damaged + max(0, count - samples.count),
+        offset_ns=int(np.median(logs[order] - times)))
 
 
 def read_recording(bag: Bag, plan: Plan) -> Recording:
@@ -161,7 +188,8 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     :param plan: plan with the names of all numbers.
     :raises DatasetError: a topic, a field or a name is missing, or the times cannot be used.
     """
-    samples = {name: Samples(found, can_begin=partial(can_begin, found.type_name))
+    samples = {name: Samples(found, can_begin=partial(can_begin, found.type_name),
+                             is_video=partial(is_video, found.type_name))
                for name, topic in plan.images for found in (find_topic(bag, topic, images=True),)}
     for source in plan.sources:
         topic = find_topic(bag, source.topic)
@@ -174,21 +202,46 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     warnings = [*bag.warnings]
     if damages:
         warnings.append(f'{damages} parts of the bag cannot be read')
+    warnings += [f'{name}: {one.left_out} messages before the first key frame are left out'
+                 for name, one in samples.items() if one.left_out]
+    warnings += [f'{name}: the first message is left out, because its stamp is 0'
+                 for name, one in samples.items()
+                 if plan.clock == 'stamp' and one.leave_out_zero()]
     tracks = {name: _track(one, plan, name, bag.topics[one.topic])
               for name, one in samples.items()}
     warnings += [f'{name}: {one.damaged} messages cannot be read'
                  for name, one in samples.items() if one.damaged]
-    warnings += [f'{name}: {one.left_out} messages before the first key frame are left out'
-                 for name, one in samples.items() if one.left_out]
     warnings += [f'{name}: {track.late} messages are left out, because their times are not later '
                  'than those before them' for name, track in tracks.items() if track.late]
-    warnings += [f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, and '
-                 f'rows are counted by the stamps; {LOG_REMEDY}' for name, one in samples.items()
+    warnings += [f'{name}: {track.partial} messages are left out, because they have none of the '
+                 'numbers, or not all of them within --max-gap'
+                 for name, track in tracks.items() if track.partial]
+    warnings += [f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, as '
+                 'those of a simulation, and rows are counted by the stamps'
+                 for name, one in samples.items()
                  if plan.clock == 'stamp' and not _SLOWEST < one.speed < 1 / _SLOWEST]
     warnings += _clock_warnings(tracks)
-    offset = int(np.median([track.offset_ns for track in tracks.values()]))
-    return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, offset) if events else [],
-                     start_ns=bag.first_ns - offset, warnings=warnings)
+    clock = _Clock(tracks)
+    return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, clock) if events else [],
+                     start_ns=clock.stamp(bag.first_ns), warnings=warnings)
+
+
+class _Clock:
+    """The clock of the samples, by the times of the recording."""
+
+    def __init__(self, tracks: Mapping[str, Track]) -> None:
+        longest = max(tracks.values(), key=lambda track: int(track.logs.max() - track.logs[0]))
+        spans = [int(times[-1] - times[0]) for times in (longest.times, longest.logs)]
+        speed = spans[0] / spans[1] if spans[1] > 0 else 1.0
+        self._speed = 1.0 if _SLOWEST < speed < 1 / _SLOWEST else speed
+        self._log = int(longest.logs[0])
+        self._offset = int(np.median([
+            np.median(track.times - (track.logs - self._log) * self._speed)
+            for track in tracks.values()]))
+
+    def stamp(self, log_ns: int) -> int:
+        """Return the time of the samples at a time of the recording, both in nanoseconds."""
+        return self._offset + round((log_ns - self._log) * self._speed)
 
 
 def _read(bag: Bag, samples: list[Samples]) -> int:
@@ -227,7 +280,12 @@ def _clock_warnings(tracks: dict[str, Track]) -> list[str]:
 
     :raises DatasetError: they differ a lot.
     """
-    offsets = {name: track.offset_ns for name, track in tracks.items()}
+    # A drift that all topics share, as in a simulation, is no second clock.
+    most = max(tracks.values(), key=lambda track: int(track.logs.max() - track.logs.min()))
+    order = np.argsort(most.logs)
+    logs, drift = most.logs[order], (most.logs - most.times)[order]
+    offsets = {name: int(np.median(track.logs - track.times - np.interp(track.logs, logs, drift)))
+               for name, track in tracks.items()}
     first, last = min(offsets, key=offsets.__getitem__), max(offsets, key=offsets.__getitem__)
     difference = offsets[last] - offsets[first]
     text = (f'the stamps of {first} are {difference / NANO:.3f} s ahead of those of {last}, '
@@ -237,10 +295,10 @@ def _clock_warnings(tracks: dict[str, Track]) -> list[str]:
     return [text] if difference > _WARNING_NS else []
 
 
-def _timed(events: Samples, plan: Plan, offset: int) -> list[tuple[int, Any]]:
+def _timed(events: Samples, plan: Plan, clock: _Clock) -> list[tuple[int, Any]]:
     has_stamp = plan.clock == 'stamp' and events.reader and events.reader.has_stamp
     times = (events.times('stamp', str(plan.episodes)).tolist() if has_stamp and events.logs else
-             [log - offset for log in events.logs])
+             [clock.stamp(log) for log in events.logs])
     return sorted(zip(times, events.events or []), key=lambda pair: pair[0])
 
 

@@ -51,8 +51,8 @@ def expected(times: dict[int, int], first_ns: int = BEGAN, last_ns: int = 1 << 6
              nearest: bool = False) -> tuple[int, list[int]]:
     """Return the time of the first row, and the number of the picture of each by a search."""
     newest: dict[int, int] = {}
-    for number, time_ns in times.items():  # in the order of the bag; late ones are left out
-        if not newest or time_ns > max(newest.values()):
+    for number, time_ns in times.items():  # in the order of the bag
+        if time_ns not in newest.values():
             newest[number] = time_ns
     start, end = max(first_ns, min(newest.values())), min(last_ns, max(newest.values()))
     if not nearest:  # rows begin later, until 99 of 100 nearest pictures are before them
@@ -117,19 +117,42 @@ def test_every_row_has_its_picture_and_joints(
     assert np.allclose(rows['action'], 10 * rows['observation.state'], rtol=1e-5)
 
 
-def test_pictures_with_times_before_those_of_earlier_ones_are_left_out(
-        tmp_path: Path, capsys: Errors) -> None:
-    drive = Drive(topics=(), jitter_ns=60_000_000)
+@pytest.mark.parametrize('jitter_ms', [40, 60, 137])
+def test_pictures_recorded_in_another_order_than_stamped(
+        jitter_ms: int, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(topics=(), jitter_ns=jitter_ms * 1_000_000)
     drive.others = moved(Drive(), lambda time_ns: drive.picture_ns(
         round((time_ns - BEGAN) * 30 / S)))
     folder = converted(tmp_path, drive, *USUAL)
     numbers = check_rows(folder, drive.picture_ns)
     times = {number: drive.picture_ns(number) for number in range(60)}
+    assert sorted(times.values()) != [*times.values()]
     assert numbers == expected(times, BEGAN, BEGAN + 2 * S)[1]
-    late = 60 - len({number for number in times if times[number] == max(
-        times[one] for one in range(number + 1))})
-    assert f'warning: bag.mcap: front: {late} messages are left out, because their times are ' in (
-        capsys.readouterr().err)
+    late = 60 - len({*times.values()})
+    assert ('messages are left out' in capsys.readouterr().err) == bool(late)
+
+
+def test_swapped_messages_and_one_from_the_future_cost_nothing(
+        tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive()
+    entries = drive.entries()
+    places = [place for place, entry in enumerate(entries) if entry.topic == TOPIC][5:50:3]
+    following = [next(one for one in range(place + 1, len(entries))
+                      if entries[one].topic == TOPIC) for place in places]
+    for one, two in zip(places, following):
+        entries[one], entries[two] = (
+            entries[two]._replace(log_ns=entries[one].log_ns),
+            entries[one]._replace(log_ns=entries[two].log_ns))
+    ahead = next(place for place, entry in enumerate(entries) if entry.topic == '/joint_states'
+                 and entry.log_ns > BEGAN + S)
+    time_ns = BEGAN + S + 430_000_000
+    entries[ahead] = joints_entry(time_ns, joint_values(time_ns), log_ns=entries[ahead].log_ns)
+    drive.entries = lambda: entries  # type: ignore[method-assign]
+    folder = converted(tmp_path, drive, *USUAL)
+    assert check_rows(folder, drive.picture_ns) == [*range(60)]
+    joint_ns = np.array(stamps_of(folder, '/joint_states.position'))
+    assert np.abs(joint_ns - np.array(stamps_of(folder, 'front'))).max() <= 20_000_000
+    assert '1 messages are left out' in capsys.readouterr().err  # two of one time
 
 
 def test_linear_numbers_are_those_of_the_times_of_the_rows(tmp_path: Path) -> None:
@@ -197,15 +220,103 @@ def test_joints_are_found_by_their_names(tmp_path: Path) -> None:
                        np.array(expected_state)[:, [2, 0, 1]], atol=1e-5)
 
 
-def test_missing_and_double_joints_are_an_error(tmp_path: Path, capsys: Errors) -> None:
-    drive = Drive(others=[permuted(('wrist', 'elbow') if step == 40 else (
-        'wrist', 'elbow', 'grip'), step) for step in range(100)])
-    words = (*CAMERA, '--state', '/arm.position')
-    assert 'message 41 of /arm: grip of 3 is missing; there is wrist, elbow' in refused(
-        tmp_path, drive, capsys, *words)
+def test_double_and_missing_joints_are_an_error(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(others=[permuted(('wrist', 'elbow', 'grip'), step) for step in range(100)])
     drive.others[40] = permuted(('wrist', 'elbow', 'grip', 'elbow'), 40)
+    words = (*CAMERA, '--state', '/arm.position')
     assert "message 41 of /arm: 'elbow' is there twice" in refused(
         tmp_path, drive, capsys, *words)
+    # After 0.5 s the last message with grip is too old.
+    drive.others = [permuted(('wrist', 'elbow', 'grip')[:3 if step < 25 else 2], step)
+                    for step in range(100)]
+    error = refused(tmp_path, drive, capsys, *words, '--max-gap', '0.5')
+    assert '/arm.position has no sample for the last 0.987 s' in error
+
+
+@pytest.mark.parametrize(('names', 'joints'), [
+    ((), ['shoulder', 'elbow', 'wrist', 'grip']),
+    (('--joints', 'grip'), ['grip']), (('--joints', 'grip,wrist'), ['grip', 'wrist'])])
+@pytest.mark.parametrize('period', [2, 7])
+def test_two_publishers_of_joints(
+        period: int, names: tuple[str, ...], joints: list[str], tmp_path: Path,
+        capsys: Errors) -> None:
+    arm = [permuted(('shoulder', 'elbow', 'wrist'), step) for step in range(100)]
+    grips = {BEGAN + step * S // 50 + 3_000_000: float(step) for step in range(0, 100, period)}
+    drive = Drive(others=[*arm, *(joints_entry(time_ns, [value], ['grip'], '/arm')
+                                  for time_ns, value in grips.items())])
+    folder = converted(tmp_path, drive, *CAMERA, '--state', '/arm.position', *names)
+    assert info_of(folder)['features']['observation.state']['names'] == joints
+    states = rows_of(folder)['observation.state'].reshape(-1, len(joints))
+    for row, state in enumerate(states):
+        now = BEGAN + 3_000_000 + row * S // 30 + 1000
+        expected_values = dict(zip(('shoulder', 'elbow', 'wrist'), joint_values(
+            BEGAN + (now - BEGAN) * 50 // S * S // 50)))
+        expected_values['grip'] = grips[max(one for one in grips if one <= now)]
+        assert np.allclose(state, [expected_values[name] for name in joints], atol=1e-5)
+    errors = capsys.readouterr().err
+    assert ('99 messages are left out, because they have none' in errors) == (joints == ['grip'])
+
+
+@pytest.mark.parametrize(('factor', 'begin', 'late'), [
+    (0.4, 1000 * S, 1.2), (0.4, 0, 0.0), (3.3, 77 * S, 0.5)])
+def test_simulation_has_one_clock(
+        factor: float, begin: int, late: float, tmp_path: Path, capsys: Errors) -> None:
+    def log_ns(stamp: int) -> int:
+        return BEGAN + round((stamp - begin) / factor)
+
+    drive = Drive(topics=())
+    pictures = [begin + number * S // 30 for number in range(120) if number / 30 >= late]
+    entries = [jpeg_entry(number, stamp, log_ns=log_ns(stamp) + 2_000_000)
+               for number, stamp in enumerate(pictures)]
+    entries += [joints_entry(stamp, [float(step)], ['a'], log_ns=log_ns(stamp))
+                for step in range(401) for stamp in [begin + step * S // 100]]
+    entries += [plain_entry(log_ns(begin + round(one * S)), one == 1.5, '/run')
+                for one in (1.5, 3.0)]
+    drive.entries = lambda: sorted(  # type: ignore[method-assign]
+        entries, key=lambda entry: entry.log_ns)
+    words = (*CAMERA, *JOINTS_STATE, '--ends', 'shorten')
+    folder = converted(tmp_path, drive, *words)
+    stamps = stamps_of(folder, 'front')
+    assert stamps == pictures[len(pictures) - len(stamps):] and len(stamps) > 80
+    assert [round((one - begin) / S * 100) for one in stamps_of(
+        folder, '/joint_states.position')] == rows_of(folder)['observation.state'].ravel().tolist()
+    errors = capsys.readouterr().err
+    assert f'the stamps advance {factor:.3g} times as fast' in errors and '--clock' not in errors
+    assert ('the first message is left out, because its stamp is 0' in errors) == (not begin)
+    folder = converted(tmp_path / 'b', drive, *words, '--episodes', '/run')
+    stamps = stamps_of(folder, 'front')
+    assert abs(stamps[0] - begin - 1.5 * S) < S // 20 and abs(len(stamps) - 45) <= 1
+
+
+@pytest.mark.parametrize('bad', [2, 11])
+def test_damaged_pictures_at_the_begin_cost_those_pictures(
+        bad: int, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive()
+    pictures = [entry for entry in drive.entries() if entry.topic == TOPIC]
+    damaged = {entry.log_ns for entry in pictures[:bad]}
+    entries = [entry._replace(data=entry.data.replace(b'\xff\xd8', b'\xff\0')) if (
+        entry.topic == TOPIC and entry.log_ns in damaged) else entry for entry in drive.entries()]
+    drive.entries = lambda: entries  # type: ignore[method-assign]
+    folder = converted(tmp_path, drive, *USUAL)
+    assert check_rows(folder, drive.picture_ns) == [*range(bad, 60)]
+    errors = capsys.readouterr().err
+    assert f'warning: bag.mcap: front: the first {bad} pictures cannot be decoded: ' in errors
+    assert f'0 after the last, {bad} failed, of 60 messages' in errors
+
+
+@pytest.mark.parametrize('encoding', ['16UC1', '32FC1', 'mono16', '32FC2'])
+def test_dry_run_refuses_what_the_conversion_refuses(
+        encoding: str, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=0.5, topics=())
+    shape = (8, 8, 2) if encoding == '32FC2' else (8, 8)
+    kind = np.float32 if encoding[0] == '3' else np.uint16
+    drive.others = [Entry(time_ns, image_to_cdr(array_to_wire(
+        np.ones(shape, kind), find_encoding(encoding), WireHeader(*divmod(time_ns, NANO), 'cam'))),
+        '/deep') for time_ns in map(drive.picture_ns, range(15))]
+    words = ('--image', 'front=/deep', *JOINTS_STATE)
+    error = refused(tmp_path, drive, capsys, *words)
+    dry = refused(tmp_path, drive, capsys, *words, '--dry-run')
+    assert dry.partition('bad.mcap: ')[2] in error
 
 
 @pytest.mark.parametrize(('words', 'reason'), [
@@ -299,9 +410,10 @@ def test_first_picture_that_cannot_be_decoded_is_an_error(
     errors = capsys.readouterr().err
     assert 'bag.mcap: front: 4 messages cannot be read' in errors
     assert 'bag.mcap: /joint_states.position: 1 messages cannot be read' in errors
-    drive.others = [jpeg_entry(0, BEGAN)]
-    drive.others[0] = drive.others[0]._replace(
-        data=drive.others[0].data.replace(b'\xff\xd8', b'\xff\x00'))
+    drive.topics = ()
+    drive.others = [jpeg_entry(number, drive.picture_ns(number)) for number in range(60)]
+    drive.others = [one._replace(data=one.data.replace(b'\xff\xd8', b'\xff\x00'))
+                    for one in drive.others]
     assert 'front has no picture for the first row: message 0 of ' in refused(
         tmp_path / 'b', drive, capsys, *USUAL)
 
