@@ -24,6 +24,8 @@ from typing import Any
 import numpy as np
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, MAX_PATH, printable
+from opencv_tools.datasets.check_meta import (
+    file_problems, FrameStatistics, info_problems, statistics_problems, task_problems)
 from opencv_tools.datasets.check_videos import DepthFrames, has_fingerprints, video_problems
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
@@ -42,9 +44,16 @@ def check_set(folder: Path, log: Log) -> bool:
     try:
         reader = SetReader(folder)
         episodes = reader.episodes()
-        problems += row_problems(reader, episodes)
+        columns: dict[str, np.ndarray[Any, Any]] = {}
+        frames = FrameStatistics([row['length'] for row in episodes])
+        reader.on_frame = frames.add
+        problems += row_problems(reader, episodes, columns)
         problems += account_problems(reader, account)
+        problems += info_problems(reader, episodes)
+        problems += task_problems(reader, episodes, columns.get('task_index', np.zeros(0)))
+        problems += file_problems(reader, episodes)
         problems += video_problems(reader, episodes, depths)
+        problems += statistics_problems(reader, episodes, columns, frames)
     except DatasetError as err:
         problems.append(str(err))
     for problem in problems[:_MOST_PROBLEMS]:
@@ -52,7 +61,7 @@ def check_set(folder: Path, log: Log) -> bool:
     if problems:
         log.error(f'{printable(folder, MAX_PATH)} has {len(problems)} errors')
         return False
-    for line in account:
+    for line in account + reader.notes:
         log.info(line)
     for key, found in depths.items():
         log.info(f'{printable(key)}: {found.description}')
@@ -91,10 +100,12 @@ _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint3
 _IMAGES = ('image', 'video')
 
 
-def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
+def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
+                 columns: dict[str, Any] | None = None) -> Iterator[str]:
     """
     Yield what is wrong with the rows, the tasks and the statistics.
 
+    :param columns: dictionary to which the (n, d) numbers of all rows are added by feature.
     :raises DatasetError: a file cannot be read.
     """
     yield from _total_problems(reader, episodes)
@@ -108,24 +119,25 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[
             if wrong:
                 raise DatasetError(f'data and {INFO} differ in the columns '
                                    f'{enumerated(sorted(map(printable, wrong)))}')
-            columns = {name: _numbers(reader, table, name) for name in table.column_names
-                       if reader.features[name]['dtype'] in _NUMBERS}
-            for problem, count in _value_problems(reader, columns, tasks).items():
+            found = {name: _numbers(reader, table, name) for name in table.column_names
+                     if reader.features[name]['dtype'] in _NUMBERS}
+            for problem, count in _value_problems(reader, found, tasks).items():
                 yield f'{count} {problem} in rows from {rows} on'
-            for name in columns:
-                seen.setdefault(name, []).append(columns[name])
+            for name, values in found.items():
+                seen.setdefault(name, []).append(values)
             expected = _expected(episodes, rows, table.num_rows)
             for name, values in expected.items():
-                bad = np.flatnonzero(columns[name][:, 0] != values)
+                bad = np.flatnonzero(found[name][:, 0] != values)
                 if len(bad):
-                    yield (f'row {rows + bad[0]} has {name} {columns[name][bad[0], 0]}, not '
+                    yield (f'row {rows + bad[0]} has {name} {found[name][bad[0], 0]}, not '
                            f'{values[bad[0]]}')
             rows += table.num_rows
     if rows != episodes[-1]['dataset_to_index']:
         yield f'there are {rows} rows, but the episodes have {episodes[-1]["dataset_to_index"]}'
     if rows:
-        yield from _statistics_problems(reader, {
-            name: np.concatenate(values) for name, values in seen.items()})
+        joined = {name: np.concatenate(values) for name, values in seen.items()}
+        (columns if columns is not None else {}).update(joined)
+        yield from _statistics_problems(reader, joined)
 
 
 def _task_problems(reader: SetReader) -> Generator[str, None, int]:

@@ -18,11 +18,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+import hashlib
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from opencv_tools.base.regular_files import open_regular
 from opencv_tools.base.text import printable
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import (
@@ -37,10 +40,25 @@ from opencv_tools.datasets.videos import join_videos, stream_settings
 
 #: What this package adds to a set: the bags and their reports, and small pictures for --check.
 SOURCES, FINGERPRINTS = 'meta/opencv_tools/bags.json', 'meta/opencv_tools/fingerprints.parquet'
+#: SHA-256 of all other files, by their paths.
+FILES = 'meta/opencv_tools/files.json'
 #: Files, one of which every data set of this package has.
 MARKS = INFO, BAGS
 _MEGABYTE = 1 << 20
 _INDEX_KEYS = ('index', 'episode_index', 'task_index')
+
+
+def file_sha256(path: Path) -> str:
+    """
+    Return the SHA-256 digest of a file, in hexadecimal digits.
+
+    :raises OSError: the file cannot be read.
+    """
+    with os.fdopen(open_regular(path), 'rb') as file:
+        digest = hashlib.sha256()
+        while block := file.read(_MEGABYTE):
+            digest.update(block)
+        return digest.hexdigest()
 
 
 @dataclass
@@ -131,6 +149,9 @@ class _Merge:
         frames = self._episodes[-1]['dataset_to_index']
         self._write_json(INFO, info(self._described[0], self._features, len(self._episodes),
                                     frames, len(self._tasks)))
+        self._write_json(FILES, {
+            path.relative_to(self._folder).as_posix(): file_sha256(path)
+            for path in sorted(self._folder.rglob('*')) if path.is_file()})
 
     def _write_rows(self) -> None:
         """Write the rows, the small pictures, and what an episode has apart from videos."""

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 import json
 import math
 import os
@@ -74,6 +74,10 @@ class SetReader:
             raise DatasetError(f'{INFO} has fps {printable(fps)}, not an integer from 1 to 1000')
         #: Rows of a second.
         self.fps: int = fps
+        #: Sentences about what cannot be checked.
+        self.notes: list[str] = []
+        #: Called with the feature and each frame of a video that belongs to a row, in order.
+        self.on_frame: Callable[[str, Any], object] = lambda key, frame: None
 
     def read_json(self, name: str, kind: type = dict) -> Any:
         """
@@ -165,6 +169,20 @@ class SetReader:
                                    f'{printable(row[wrong[0]])}')
         if not found:
             raise DatasetError('meta/episodes has no episode')
+        return found
+
+    def episode_columns(self, prefix: str) -> dict[str, list[Any]]:
+        """
+        Return the columns of the table of episodes whose names begin with a text.
+
+        :raises DatasetError: the table cannot be read.
+        """
+        found: dict[str, list[Any]] = {}
+        for path in sorted((self.folder / 'meta/episodes').glob('chunk-*/file-*.parquet')):
+            for table in self.tables(path):
+                for name in table.column_names:
+                    if name.startswith(prefix):
+                        found.setdefault(name, []).extend(values_of(table, name))
         return found
 
     @property

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 #: Statistics by name; each has the shape of a feature, but the count has one number.
 Statistics = dict[str, NDArray[Any]]
 
-_QUANTILES = {'q01': 0.01, 'q10': 0.1, 'q50': 0.5, 'q90': 0.9, 'q99': 0.99}
+#: Level of each quantile by its name.
+QUANTILES = {'q01': 0.01, 'q10': 0.1, 'q50': 0.5, 'q90': 0.9, 'q99': 0.99}
 _BINS = 5000
 _PADDING = 1e-10
 _LEVELS = 256  # of a pixel
@@ -105,7 +106,7 @@ def joined(statistics: Sequence[Statistics]) -> Statistics:
     variances = stacked['std'] ** 2 + (stacked['mean'] - mean) ** 2
     variance = (variances * weights).sum(axis=0) / total
     quantiles = {name: stacked[name].min(axis=0) if level <= 0.5 else stacked[name].max(axis=0)
-                 for name, level in _QUANTILES.items()}
+                 for name, level in QUANTILES.items()}
     return {'min': stacked['min'].min(axis=0), 'max': stacked['max'].max(axis=0), 'mean': mean,
             'std': np.sqrt(variance), 'count': total, **quantiles}
 
@@ -128,11 +129,11 @@ def _column_statistics(column: NDArray[Any], counts: NDArray[np.float64]) -> dic
     low, high = float(values.min()), float(values.max())
     found = {'min': low, 'max': high, 'mean': mean, 'std': std}
     if total < 2:
-        return {**found, **dict.fromkeys(_QUANTILES, mean)}
+        return {**found, **dict.fromkeys(QUANTILES, mean)}
     edges = np.linspace(column.min() - _PADDING, column.max() + _PADDING, _BINS + 1)
     sums = np.cumsum(np.histogram(column, edges, weights=counts)[0])
     return {**found, **{name: _quantile(sums, edges, level * total)
-                        for name, level in _QUANTILES.items()}}
+                        for name, level in QUANTILES.items()}}
 
 
 def _quantile(sums: NDArray[np.float64], edges: NDArray[np.float64], target: float) -> float:

@@ -38,7 +38,6 @@ from opencv_tools.video.settings import import_av
 CODEC, PIXELS = 'h264', 'yuv420p'
 #: Depth: codes of 12 bits without losses.
 DEPTH_CODEC, DEPTH_PIXELS, LOSSLESS = 'hevc', 'gray12le', 'lossless=1'
-_CODECS = 'h264', 'hevc', 'av1', 'vp8', 'vp9'
 #: Frames from one key frame to the next. Training reads single frames, so few are decoded for one.
 KEY_INTERVAL = 2
 PRESET = 'superfast'
@@ -188,21 +187,12 @@ def stream_settings(path: Path) -> tuple[str, str, bytes]:
         os.close(open_regular(path))
         with av.open(str(path)) as container:
             context: Any = container.streams.video[0].codec_context
-            return (codec_name(context.codec.name), context.pix_fmt or '',
-                    bytes(context.extradata or b''))
+            codec = context.name.removeprefix('lib').replace('dav1d', 'av1')
+            return codec, context.pix_fmt or '', bytes(context.extradata or b'')
     except (av.error.FFmpegError, IndexError, OSError) as err:
         raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {reason_of(err)}') from err
 
 
-def codec_name(name: str) -> str:
-    """Return the name of what a decoder or encoder of FFmpeg is for: ``'av1'`` of libsvtav1."""
-    import av
-    for mode in ('r', 'w'):
-        with suppress(ValueError):
-            codec: Any = av.codec.Codec(name, mode)
-            names = {av.codec.Codec(one, 'r').id: one for one in _CODECS}  # for PyAV 12
-            return str(getattr(codec, 'canonical_name', names.get(codec.id, name)))
-    return name
 
 
 def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:

@@ -24,17 +24,23 @@ import shutil
 from typing import Any
 
 import av
-from dataset_bags import Drive
+from dataset_bags import BEGAN, Drive, NANO
 from dataset_sets import convert, FRONT, info_of, USUAL
 from hypothesis import given, HealthCheck, settings, strategies as st
 import numpy as np
 from opencv_tools.convert.cli import main
 from opencv_tools.datasets import set_reader
-from opencv_tools.datasets.check import row_problems
+from opencv_tools.datasets.check import account_problems, row_problems
+from opencv_tools.datasets.check_meta import (
+    file_problems, FrameStatistics, info_problems, statistics_problems, task_problems)
 from opencv_tools.datasets.check_videos import video_problems
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.set_reader import SetReader
 from opencv_tools.datasets.videos import VideoFileWriter
+from opencv_tools.image.cdr import image_to_cdr, WireHeader
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.layout import array_to_wire
+from played_bags import Entry, write_mcap
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -118,6 +124,102 @@ def swapped(images: list[Any]) -> list[Any]:
 def text(name: str, content: str) -> Change:
     return lambda folder: (folder / name).write_text(content)
 
+
+STATS = 'meta/stats.json'
+STATE = 'observation.state'
+
+
+def gray(image: Any) -> Any:
+    return np.repeat(image.mean(axis=2, keepdims=True).astype(np.uint8), 3, axis=2)
+
+
+def stats_of(key: str, name: str, change: Callable[[Any], Any]) -> Change:
+    """Return a damage of a statistic of the whole set."""
+    def damage(folder: Path) -> None:
+        content = json.loads((folder / STATS).read_text())
+        content[key][name] = change(np.array(content[key][name])).tolist()
+        (folder / STATS).write_text(json.dumps(content))
+    return damage
+
+
+def episode_stats(key: str, name: str, value: Any) -> Change:
+    return rewrite(EPISODES, cell(f'stats/{key}/{name}', 1, value))
+
+
+def feature(*path: str, value: Any) -> Change:
+    return change_json('meta/info.json', 'features', *path, value=value)
+
+
+#: Damages of sets of any origin, without small pictures and checksums.
+FOREIGN: dict[str, tuple[Change, str]] = {
+    'image mean': (stats_of(FRONT, 'mean', lambda one: one + 0.1), f'another mean of {FRONT}'),
+    'image mean of blue': (stats_of(FRONT, 'mean', lambda one: one * [[[1]], [[1]], [[0.8]]]),
+                           f'another mean of {FRONT}'),
+    'image std': (stats_of(FRONT, 'std', lambda one: one / 2), f'another std of {FRONT}'),
+    'image levels': (stats_of(FRONT, 'mean', lambda one: 255 * one), f'another mean of {FRONT}'),
+    'image shape': (stats_of(FRONT, 'mean', np.ravel), f'another mean of {FRONT}'),
+    'colours exchanged': (stats_of(FRONT, 'mean', lambda one: one[::-1]), f'mean of {FRONT}'),
+    'image quantiles': (stats_of(FRONT, 'q01', lambda one: one + 0.9),
+                        f'order of q01 and q10 of {FRONT}'),
+    'q01': (stats_of(STATE, 'q01', lambda one: one - 5), f'q01 of {STATE}'),
+    'q90': (stats_of(STATE, 'q90', lambda one: one * 0.8), f'another q90 of {STATE}'),
+    'q99 below q01': (stats_of(STATE, 'q99', lambda one: one - 3), f'q99 of {STATE}'),
+    'q50 missing': (lambda folder: (folder / STATS).write_text(json.dumps({
+        key: {name: one for name, one in found.items() if key != STATE or name != 'q50'}
+        for key, found in json.loads((folder / STATS).read_text()).items()})), f'q50 of {STATE}'),
+    'episode mean': (episode_stats(STATE, 'mean', [9.0, 9.0, 9.0]),
+                     f'episodes has another mean of {STATE} than the rows of episode 1'),
+    'episode max': (episode_stats('action', 'max', [0.0, 0.0, 0.0]), 'another max of action'),
+    'episode q10': (episode_stats('action', 'q10', [9.0, 9.0, 2.0]), 'another q10 of action'),
+    'episode image': (episode_stats(FRONT, 'mean', [[[0.9]], [[0.9]], [[0.9]]]),
+                      f'another mean of {FRONT} than the rows of episode 1'),
+    'episode stats missing': (episode_stats(STATE, 'std', None), f'another std of {STATE}'),
+    'episode stats dropped': (rewrite(EPISODES, lambda table: table.drop_columns(
+        [f'stats/action/{one}' for one in ('min', 'max', 'mean', 'std')])), 'min of action'),
+    'task text': (rewrite('meta/tasks.parquet', cell('task', 0, 'place')),
+                  'episode 0 has the tasks .*pick.*, but its rows have place'),
+    'task of an episode': (rewrite(EPISODES, cell('tasks', 1, ['place'])),
+                           'episode 1 has the tasks .*place.*, but its rows have pick'),
+    'no task of an episode': (rewrite(EPISODES, cell('tasks', 1, [])), 'episode 1 has the tasks'),
+    'two names of three': (feature('action', 'names', value=['a', 'b']),
+                           'has 2 names of action for 3 numbers'),
+    'name twice': (feature('action', 'names', value=['a', 'b', 'a']), 'a name of action twice'),
+    'four names in an object': (feature(STATE, 'names', value={'axes': [*'abcd']}),
+                                f'has 4 names of {STATE} for 3 numbers'),
+    'rate of a video': (feature(FRONT, 'info', 'video.fps', value=60),
+                        'video.fps 60, but it is 30'),
+    'rate of 29.97': (feature(FRONT, 'info', 'video.fps', value=29.97), 'video.fps 29.97, but'),
+    'codec of a video': (feature(FRONT, 'info', 'video.codec', value='av1'),
+                         'video.codec av1, but it is h264'),
+    'hevc of a video': (feature(FRONT, 'info', 'video.codec', value='hevc'), 'codec hevc, but it'),
+    'height of a video': (feature(FRONT, 'info', 'video.height', value=121), 'video.height 121'),
+    'chunks': (change_json('meta/info.json', 'chunks_size', value=0), 'has chunks_size 0, not'),
+    'chunks of no number': (change_json('meta/info.json', 'chunks_size', value=None),
+                            'has chunks_size None'),
+    'data file left over': (lambda folder: shutil.copy(
+        folder / DATA, folder / 'data/chunk-000/file-001.parquet'),
+        '1 files belong to no episode: data/chunk-000/file-001.parquet'),
+    'video file left over': (lambda folder: shutil.copy(
+        folder / VIDEO, (folder / VIDEO).with_name('file-007.mp4')), '1 files belong to no'),
+    'camera missing': (lambda folder: change_json('meta/info.json', 'features', value={
+        key: one for key, one in info_of(folder)['features'].items() if key != FRONT})(folder),
+        '1 files belong to no episode: videos/'),
+    'colours lost': (frames(lambda images: [gray(image) for image in images]),
+                     f'another mean of {FRONT}'),
+}
+
+#: Damages that only the checksums of an own set tell.
+OWN: dict[str, tuple[Change, str]] = {
+    'rolled states': (rewrite(DATA, lambda table: table.set_column(
+        table.column_names.index(STATE), table.schema.field(STATE), pa.concat_arrays([
+            table.column(STATE).combine_chunks().take([*range(1, 30), 0]),
+            table.column(STATE).combine_chunks().take([*range(31, 60), 30])]))),
+        f'{DATA} is not as it was written'),
+    'episode numbers of stamps': (rewrite(DATA, cell('stamp_ns', 3, [1, 2, 3])), DATA),
+    'robot': (change_json('meta/info.json', 'robot_type', value='x'),
+              'meta/info.json is not as it'),
+    'file missing': (lambda folder: (folder / PRINTS).unlink(), 'fingerprints.parquet cannot be'),
+}
 
 DAMAGES: dict[str, tuple[Change, str]] = {
     'row removed': (rewrite(DATA, lambda table: pa.concat_tables(
@@ -238,6 +340,53 @@ def test_damage_is_named(name: str, copied: Path, capsys: Errors) -> None:
     assert re.search(r'set has \d+ errors$', last)
 
 
+@pytest.mark.parametrize('name', FOREIGN)
+def test_damage_of_a_foreign_set_is_named(name: str, copied: Path, capsys: Errors) -> None:
+    damage, reason = FOREIGN[name]
+    shutil.rmtree(copied / 'meta/opencv_tools')
+    damage(copied)
+    assert main(['--check', str(copied)]) == 1
+    problems = capsys.readouterr().err.splitlines()
+    assert any(re.search(reason, line) for line in problems), problems
+
+
+@pytest.mark.parametrize('name', OWN)
+def test_damage_of_an_own_set_is_named(name: str, copied: Path, capsys: Errors) -> None:
+    damage, reason = OWN[name]
+    damage(copied)
+    assert main(['--check', str(copied)]) == 1
+    assert re.search(reason, capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('key', [
+    (feature('action', 'names', value=['actions'])), feature(STATE, 'names', value=None),
+    feature(STATE, 'names', value={'motors': ['a', 'b', 'c']}),
+    feature(FRONT, 'info', 'video.codec', value='libx264'), feature(FRONT, 'info', value=None),
+    change_json('meta/info.json', 'robot_type', value=None)])
+def test_other_right_metadata_pass(key: Change, copied: Path, capsys: Errors) -> None:
+    shutil.rmtree(copied / 'meta/opencv_tools')
+    key(copied)
+    assert main(['--check', str(copied)]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('step', 'texture'), [(0.5, 2.0), (1.0, 0.0), (2.0, 0.0), (0.3, 5.0)])
+def test_slow_changes_of_light_are_no_error(
+        step: float, texture: float, tmp_path: Path, capsys: Errors) -> None:
+    noise = np.random.default_rng(3)
+    still = noise.integers(60, 120, (120, 160, 3)) if texture else np.full((120, 160, 3), 40)
+    entries = []
+    for number in range(60):
+        image = np.clip(still + step * number + noise.normal(0, texture, still.shape), 0, 255)
+        wire = array_to_wire(image.astype(np.uint8), find_encoding('bgr8'), WireHeader(
+            *divmod(BEGAN + number * NANO // 30, NANO), 'cam'))
+        entries.append(Entry(BEGAN + number * NANO // 30, image_to_cdr(wire), '/lamp'))
+    bag = write_mcap(tmp_path / 'a.mcap', entries)
+    assert convert(bag, tmp_path / 'set', '--image', 'front=/lamp') == 0
+    capsys.readouterr()
+    assert main(['--check', str(tmp_path / 'set')]) == 0
+    assert re.search(r'cannot tell whether \d+ of 60 rows are shifted', capsys.readouterr().err)
+
+
 def test_large_row_group_is_refused(
         copied: Path, capsys: Errors, monkeypatch: pytest.MonkeyPatch) -> None:
     # Equal numbers need few bytes in the file, but not in memory.
@@ -263,7 +412,14 @@ def problems_of(folder: Path) -> list[str]:
     try:
         reader = SetReader(folder)
         episodes = reader.episodes()
-        return [*row_problems(reader, episodes), *video_problems(reader, episodes)]
+        columns: dict[str, Any] = {}
+        frames = FrameStatistics([row['length'] for row in episodes])
+        reader.on_frame = frames.add
+        return [*row_problems(reader, episodes, columns), *info_problems(reader, episodes),
+                *account_problems(reader, []), *file_problems(reader, episodes),
+                *task_problems(reader, episodes, columns.get('task_index', np.zeros(0))),
+                *video_problems(reader, episodes),
+                *statistics_problems(reader, episodes, columns, frames)]
     except DatasetError as err:
         return [str(err)]
 

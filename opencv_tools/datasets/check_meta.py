@@ -1,0 +1,236 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Check of what the metadata of a LeRobot data set say: names, tasks, statistics and files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from opencv_tools.base.text import enumerated, printable
+from opencv_tools.datasets.errors import DatasetError, reason_of
+from opencv_tools.datasets.lerobot import DEFAULT_TYPES, INFO, STATS, TASKS
+from opencv_tools.datasets.merge import file_sha256, FILES
+from opencv_tools.datasets.set_reader import SetReader, values_of
+from opencv_tools.datasets.statistics import (
+    ImageStatistics, joined, numbers_statistics, QUANTILES, sampled_rows, Statistics)
+from opencv_tools.datasets.videos import stream_settings
+
+_ORDER = ('min', *QUANTILES, 'max')
+_IMAGE_MEAN, _IMAGE_STD = 0.03, 0.06  # errors of a codec and of a sample of pixels, from 0 to 1
+_QUANTILE = 0.02  # error of a histogram, of the range
+_ENCODERS = {'libx264': 'h264', 'libx265': 'hevc', 'libsvtav1': 'av1', 'libaom-av1': 'av1',
+             'h265': 'hevc'}
+_DATA_FILES = ('data/**/*.parquet', 'videos/**/*.mp4')
+
+
+def info_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield what is wrong with the features and the numbers of files in ``info.json``."""
+    chunks = reader.info.get('chunks_size')
+    if not isinstance(chunks, int) or isinstance(chunks, bool) or chunks < 1:
+        yield f'{INFO} has chunks_size {printable(chunks)}, not an integer from 1 on'
+    for key, feature in reader.features.items():
+        names = feature.get('names')
+        lists = [*names.values()] if isinstance(names, dict) else [names]
+        for one in (one for one in lists if isinstance(one, list) and one
+                    and feature['dtype'] not in ('video', 'image')):
+            size = int(np.prod(feature['shape']))
+            texts = [*map(str, one)]
+            if len(lists) == 1 and len(one) not in (1, size):
+                yield f'{INFO} has {len(one)} names of {printable(key)} for {size} numbers'
+            elif len({*texts}) < len(texts):
+                yield f'{INFO} has a name of {printable(key)} twice'
+    for key in reader.video_keys:
+        places = {(row[f'videos/{key}/chunk_index'], row[f'videos/{key}/file_index'])
+                  for row in episodes}
+        for place in sorted(places):
+            path = reader.file_path('video_path', *place, key)
+            try:
+                yield from (f'{printable(path.relative_to(reader.folder))}: {text}'
+                            for text in _stream_problems(reader, key, path))
+            except DatasetError:
+                continue  # the check of its frames says so
+
+
+def _stream_problems(reader: SetReader, key: str, path: Path) -> Iterator[str]:
+    feature = reader.features[key]
+    given = feature.get('info') or feature.get('video_info') or {}
+    codec, pixels, _ = stream_settings(path)
+    expected = {'video.codec': codec, 'video.pix_fmt': pixels, 'video.fps': reader.fps}
+    for name, value in expected.items() if isinstance(given, dict) else ():
+        found = given.get(name, value)
+        known = _ENCODERS.get(str(found), str(found).partition('_')[0])
+        if found != value and not (name == 'video.codec' and known == value):
+            yield f'{INFO} has {name} {printable(found)}, but it is {printable(value)}'
+
+
+def task_problems(reader: SetReader, episodes: list[dict[str, Any]], tasks: NDArray[Any],
+                  ) -> Iterator[str]:
+    """
+    Yield which episodes have other tasks than their rows.
+
+    :param tasks: (n,) number of the task of each row.
+    """
+    texts: list[Any] = []
+    numbers: list[Any] = []
+    for table in reader.tables(reader.folder / TASKS):
+        name = next((one for one in ('task', '__index_level_0__') if one in table.column_names),
+                    None)
+        if name is None:
+            return
+        texts += values_of(table, name)
+        numbers += values_of(table, 'task_index')
+    known = dict(zip(numbers, map(str, texts)))
+    columns = reader.episode_columns('tasks')
+    for row, given in zip(episodes, columns.get('tasks', [None] * len(episodes))):
+        begin, end = row['dataset_from_index'], row['dataset_to_index']
+        found = {known.get(number) for number in np.unique(tasks[begin:end]).tolist()}
+        if not isinstance(given, list) or found != {*map(str, given)}:
+            yield (f'episode {row["episode_index"]} has the tasks {printable(given)}, but its '
+                   f'rows have {enumerated([printable(one) for one in found])}')
+
+
+def file_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield which files belong to no episode, and which ones are not as they were written."""
+    places = [('data_path', '', 'data')] + [
+        ('video_path', key, f'videos/{key}') for key in reader.video_keys]
+    used = {reader.file_path(template, row[f'{prefix}/chunk_index'], row[f'{prefix}/file_index'],
+                             key) for template, key, prefix in places for row in episodes}
+    rest = {path for pattern in _DATA_FILES for path in reader.folder.glob(pattern)} - used
+    if rest:
+        shown = [printable(path.relative_to(reader.folder)) for path in sorted(rest)]
+        yield f'{len(rest)} files belong to no episode: {enumerated(shown)}'
+    if not (reader.folder / FILES).is_file():
+        return
+    for name, digest in reader.read_json(FILES).items():
+        path = reader.folder / name
+        try:
+            if not path.resolve().is_relative_to(reader.folder.resolve()):
+                continue
+            if file_sha256(path) == digest:
+                continue
+            text = f'{printable(name)} is not as it was written: its sha256 is another one'
+            if path.suffix == '.mp4':  # its frames are compared
+                reader.notes.append(text)
+            else:
+                yield text
+        except (OSError, RuntimeError, ValueError) as err:
+            yield f'{printable(name)} cannot be read: {reason_of(err)}'
+
+
+class FrameStatistics:
+    """Statistics of the frames of videos, of the rows that LeRobot samples."""
+
+    def __init__(self, lengths: list[int]) -> None:
+        """
+        Create statistics without a frame.
+
+        :param lengths: number of rows of each episode.
+        """
+        self._lengths = lengths
+        self._rows: dict[str, int] = {}  # that were added of the present episode
+        self._images = ImageStatistics()
+        #: Statistics of the episodes that are complete, by feature.
+        self.found: dict[str, list[Statistics]] = {}
+
+    def add(self, key: str, frame: Any) -> None:
+        """Add the next frame of a feature."""
+        found, row = self.found.setdefault(key, []), self._rows.get(key, 0)
+        if len(found) == len(self._lengths):
+            return
+        if not row:
+            self._images, self._sampled = ImageStatistics(), {
+                *sampled_rows(self._lengths[len(found)]).tolist()}
+        if row in self._sampled:
+            self._images.add(frame.to_ndarray(format='bgr24'))
+        self._rows[key] = row + 1
+        if row + 1 == self._lengths[len(found)]:
+            found.append(self._images.statistics())
+            self._rows[key] = 0
+
+
+def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
+                        columns: dict[str, NDArray[Any]], frames: FrameStatistics,
+                        ) -> Iterator[str]:
+    """
+    Yield which statistics of a feature, of the set and of its episodes, are not those of its rows.
+
+    :param columns: (n, d) numbers of all rows by feature.
+    """
+    total, stored = reader.read_json(STATS), reader.episode_columns('stats/')
+    spans = [(one['dataset_from_index'], one['dataset_to_index']) for one in episodes]
+    found = {**frames.found, **{
+        key: [numbers_statistics(values[begin:end]) for begin, end in spans if begin < end]
+        for key, values in columns.items() if key not in DEFAULT_TYPES
+        and values.dtype.kind in 'iuf' and np.isfinite(values).all()
+        and max(end for _, end in spans) <= len(values)}}
+    for key, each in found.items():
+        is_image = key in frames.found
+        if len(each) < len(episodes):
+            continue  # the check of the rows or videos says so
+        given = total.get(key)
+        if isinstance(given, dict):
+            least, most = ({name: call([one[name] for one in each], axis=0) for name in each[0]}
+                           for call in (np.min, np.max))
+            limits = {name: (least[name], most[name]) for name in QUANTILES if not is_image}
+            whole = joined(each)
+            limits |= {name: (whole[name],) * 2 for name in ('mean', 'std') if is_image}
+            wrong = _wrong(given, limits, is_image, least['min'], most['max'])
+            yield from (f'{STATS} has another {name} of {printable(key)} than the rows'
+                        for name in wrong)
+        for number, one in enumerate(each):
+            rows = {name: values[number] for name in one if len(
+                values := stored.get(f'stats/{key}/{name}', [])) == len(episodes)
+                and values[number] is not None}
+            wrong = _wrong(rows, {name: (value, value) for name, value in one.items()
+                                  if name != 'count' and name not in (
+                                      ('min', 'max', *QUANTILES) if is_image else ())},
+                           is_image, one['min'], one['max'])
+            for name in wrong:
+                yield (f'the table of episodes has another {name} of {printable(key)} than the '
+                       f'rows of episode {number}')
+
+
+def _wrong(given: dict[str, Any], expected: dict[str, tuple[Any, Any]], is_image: bool,
+           low: Any, high: Any) -> Iterator[str]:
+    """
+    Yield the names of statistics that are not within limits, or not in their order.
+
+    :param expected: smallest and largest value of each, without the error of a codec.
+    """
+    has_quantiles = any(name in given for name in QUANTILES)
+    values = {}
+    for name in ('min', 'max', 'mean', 'std', *(QUANTILES if has_quantiles else ())):
+        try:
+            values[name] = np.array(given.get(name), np.float64)
+        except (TypeError, ValueError, OverflowError):
+            values[name] = np.array(np.nan)
+        if values[name].shape != np.shape(low) or not np.isfinite(values[name]).all():
+            yield name
+            return
+    spread = 1e-4 * (np.maximum(np.abs(low), np.abs(high)) + 1e-6)
+    for name, (least, most) in expected.items():
+        limit = (_IMAGE_STD if name == 'std' else _IMAGE_MEAN) if is_image else (
+            spread + _QUANTILE * (high - low) * (name in QUANTILES))
+        if name in values and not (
+                (values[name] >= least - limit) & (values[name] <= most + limit)).all():
+            yield name
+    order = [name for name in _ORDER if name in values]
+    for one, two in pairwise(order):
+        if (values[one] > values[two] + spread).any():
+            yield f'order of {one} and {two}'
