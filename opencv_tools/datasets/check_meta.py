@@ -49,8 +49,8 @@ def info_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator
         names = feature.get('names')
         lists = [*names.values()] if isinstance(names, dict) else [names]
         for one in (one for one in lists if isinstance(one, list) and one
-                    and feature['dtype'] not in ('video', 'image')):
-            size = int(np.prod(feature['shape']))
+                    and len(feature['shape']) == 1):
+            size = feature['shape'][0]
             texts = [*map(str, one)]
             if len(lists) == 1 and len(one) not in (1, size):
                 yield f'{INFO} has {len(one)} names of {printable(key)} for {size} numbers'

@@ -21,6 +21,7 @@ import json
 from pathlib import Path
 import re
 import shutil
+from types import SimpleNamespace
 from typing import Any
 
 import av
@@ -367,6 +368,15 @@ def test_other_right_metadata_pass(key: Change, copied: Path, capsys: Errors) ->
     shutil.rmtree(copied / 'meta/opencv_tools')
     key(copied)
     assert main(['--check', str(copied)]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('shape', 'names'), [
+    ([2, 3], ['rows', 'columns']), ([480, 640, 3], ['height', 'width', 'channels']),
+    ([8], ['state']), ([2], {'motors': ['a', 'b'], 'units': ['rad', 'm']}), ([7], []), ([7], {})])
+def test_names_of_public_sets_pass(shape: list[int], names: Any) -> None:
+    reader: Any = SimpleNamespace(info={'chunks_size': 1000}, video_keys=[], features={
+        'a': {'dtype': 'float32', 'shape': shape, 'names': names}})
+    assert [*info_problems(reader, [])] == []
 
 
 @pytest.mark.parametrize(('step', 'texture'), [(0.5, 2.0), (1.0, 0.0), (2.0, 0.0), (0.3, 5.0)])
