@@ -131,10 +131,10 @@ class ImageFilter(FrameNode):
         self._log.info(
             f'Received {self._progress.count} frames at {self._progress.average_rate():.1f} Hz: '
             f'{failed} failed, {skipped} skipped'
-            + (f', {before} sent before the first received frame' if before else '')
             + (f', {self._unfiltered} not filtered without subscribers'
                if self._unfiltered else '')
-            + (f', {unfit} in no form that its subscribers receive' if unfit else ''))
+            + (f', {unfit} in no form that its subscribers receive' if unfit else '')
+            + (f', {before} sent before the first received frame' if before else ''))
         return EXIT_FAILURE if failed else EXIT_OK
 
     def _lost(self) -> dict[str, int]:

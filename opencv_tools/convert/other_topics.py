@@ -110,7 +110,7 @@ class OtherTopics:
 
     @property
     def failed(self) -> int:
-        """Number of messages of the chosen topics that were not written."""
+        """Return the number of messages of the chosen topics that were not written."""
         return sum(self._counts[topic] - self._written[topic] - self._outside[topic]
                    for topic in self._channels)
 

@@ -193,8 +193,6 @@ def stream_settings(path: Path) -> tuple[str, str, bytes]:
         raise DatasetError(f'{printable(path, MAX_PATH)} is no video: {reason_of(err)}') from err
 
 
-
-
 def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
     """
     Yield the time in seconds and the ``av.VideoFrame`` of each frame of a video.
