@@ -363,7 +363,7 @@ def test_hostile_settings(tmp_path: Path, capsys: Output, changed: dict[str, Any
     ({'depth_unit': 'cm'}, 'it has depth_unit cm, not m or mm'),
     ({'depth_unit': ['m']}, r"it has depth_unit \['m'\], not m or mm"),
     ({'depth_unit': 'mm'}, 'it has depth_unit mm, but statistics in m'),
-    ({'video.pix_fmt': 'yuv420p'}, r'meta/info\.json has video\.pix_fmt yuv420p, but it is gray12le'),
+    ({'video.pix_fmt': 'gray'}, r'meta/info\.json has video\.pix_fmt gray, but it is gray12le'),
     ({'video.codec': 'h264'}, r'meta/info\.json has video\.codec h264, but it is hevc'),
     ({'video.codec': 7}, r'meta/info\.json has video\.codec 7, but it is hevc'),
     ({'video.channels': 3}, r'it has video\.channels 3, but the shape \[48, 64, 1\]'),
