@@ -96,7 +96,8 @@ def task_problems(reader: SetReader, episodes: list[dict[str, Any]], tasks: NDAr
             return
         texts += values_of(table, name)
         numbers += values_of(table, 'task_index')
-    known = dict(zip(numbers, map(str, texts)))
+    known = {number: str(text) for number, text in zip(numbers, texts)
+             if isinstance(number, int)}
     columns = reader.episode_columns('tasks')
     for row, given in zip(episodes, columns.get('tasks', [None] * len(episodes))):
         begin, end = row['dataset_from_index'], row['dataset_to_index']
