@@ -51,9 +51,9 @@ def urdf_to_sdf(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--poses', default='model', choices=['model', 'relative'],
                         help='frame of the link poses: the model, or the parent link with the '
                         'numbers of the input [%(default)s]')
-    parser.add_argument('--fixed', default='keep', choices=['keep', 'lump'],
-                        help='fixed joints: keep them, or merge the links that they connect '
-                        '[%(default)s]')
+    parser.add_argument('--fixed', default='frames', choices=['frames', 'keep', 'lump'],
+                        help='fixed joints: make frames of links without mass, keep all links, or '
+                        'merge the links that they connect [%(default)s]')
     return _run(parser, argv)
 
 
@@ -144,11 +144,11 @@ def _add_input(parser: argparse.ArgumentParser, name: str, formats: str) -> None
 def _add_conversion_options(parser: argparse.ArgumentParser, mesh_uri: str) -> None:
     parser.add_argument('-o', '--output', metavar='FILE',
                         help='output file, written atomically [standard output]')
-    parser.add_argument('--inertial', default='keep', choices=[
-        'keep', 'zero', 'default', 'physical'],
-                        help='links without <inertial>: keep them, set zero mass, or set 1 kg; '
-                        'physical: replace impossible moments of inertia by the nearest possible '
-                        'ones [%(default)s]')
+    parser.add_argument('--inertial', default='same', choices=[
+        'same', 'keep', 'zero', 'default', 'physical'],
+                        help='links without <inertial>: the same mass in a simulator, keep them, '
+                        'set zero mass, or set 1 kg; physical: also replace impossible moments of '
+                        'inertia by the nearest possible ones [%(default)s]')
     parser.add_argument('--mesh-uri', default=mesh_uri, choices=['model', 'package', 'keep'],
                         help='scheme of mesh and texture URIs: model://, package://, or as in the '
                         'input [%(default)s]')

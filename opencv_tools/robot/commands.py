@@ -75,7 +75,7 @@ def _urdf_to_sdf(options: Namespace, report: Report) -> int:
     return _convert('urdf', options, report, lambda robot: convert_to_sdf(
         robot, report, SdfOptions(
             version=options.sdf_version, relative=options.poses == 'relative',
-            inertial=options.inertial, lump=options.fixed == 'lump', mesh_uri=options.mesh_uri)))
+            inertial=options.inertial, fixed=options.fixed, mesh_uri=options.mesh_uri)))
 
 
 def _sdf_to_urdf(options: Namespace, report: Report) -> int:
@@ -103,13 +103,13 @@ def _robot_compare(options: Namespace, report: Report) -> int:
     from opencv_tools.robot.compare.compare import differences, table
     if options.a == options.b == '-':
         raise DescriptionError('only one of both robots can be on standard input')
-    a, b = (with_original_names(_read(path, options, report)[0])
-            for path in (options.a, options.b))
+    a, b = (_read(path, options, report)[0] for path in (options.a, options.b))
     found = differences(a, b, samples=options.samples, tolerance=options.tolerance,
                         everything=options.all)
     if found:
         print_text(table(found, None if options.all else options.most))
         return 1
+    a = with_original_names(a)
     print_text(f'the same robot: links {len(a.links)}, joints {len(a.joints)}; compared at zero '
                f'and at {options.samples} random positions, tolerance {options.tolerance:g}')
     return 0

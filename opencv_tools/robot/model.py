@@ -114,7 +114,11 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """A rigid body. In URDF its frame is the frame of its parent joint."""
+    """
+    A rigid body. In URDF its frame is the frame of its parent joint.
+
+    :param default_mass: mass in kg in a simulator if there is no inertial: 1 in SDF, 0 in URDF.
+    """
 
     name: str
     placement: Placement
@@ -122,6 +126,7 @@ class Link:
     visuals: tuple[Shape, ...] = ()
     collisions: tuple[Shape, ...] = ()
     extension: Extension = NO_EXTENSION
+    default_mass: float = field(default=0.0, compare=False)
     line: int = field(default=0, compare=False)
 
     @property

@@ -17,51 +17,20 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeVar
 
 from lxml import etree
+from opencv_tools.robot.lumping import with_massless
 from opencv_tools.robot.model import (
     Axis, Extension, FrameId, Joint, Link, Robot, RobotFrame, Shape, WORLD)
+from opencv_tools.robot.names import allowed_name, flat_name, Names
 from opencv_tools.robot.xml.document import DescriptionError, detached
 from opencv_tools.robot.xml.report import Report
 
 _Named = TypeVar('_Named', Robot, Link, Joint, RobotFrame, Shape)
 _Names = Mapping[FrameId, str]
-
-
-class Names:
-    """Names that are taken, and new ones that differ from them and from each other."""
-
-    def __init__(self, taken: Iterable[str] = ()) -> None:
-        self._taken = set(taken)
-        # How many names of each base were tried, because it is slow to try many again.
-        self._counts: dict[str, int] = {}
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._taken
-
-    def add(self, name: str) -> None:
-        """Take a name."""
-        self._taken.add(name)
-
-    def new(self, base: str) -> str:
-        """Take the base name, or else the base name with a number from 1, and return it."""
-        while True:
-            count = self._counts.get(base, 0)
-            self._counts[base] = count + 1
-            name = f'{base}_{count}' if count else base
-            if name not in self._taken:
-                self.add(name)
-                return name
-
-    def kept(self, name: str, suffix: str) -> str:
-        """Take a name, or else a new one of the name with a suffix, and return it."""
-        if name in self._taken:
-            return self.new(name + suffix)
-        self.add(name)
-        return name
 
 
 def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
@@ -115,10 +84,13 @@ def with_valid_urdf_names(robot: Robot, report: Report) -> Robot:
 
 def with_original_names(robot: Robot) -> Robot:
     """
-    Return a robot with the names from before `with_valid_sdf_names`.
+    Return a robot from before the conversion to SDF: its names, and links without mass.
+
+    It is undone in the order of `lumping.without_massless` and `with_valid_sdf_names`.
 
     :raises DescriptionError: an original name is also the name of another element.
     """
+    robot = with_massless(robot)
     names = {frame: name for frame, owner in robot.frame_owners()
              if (name := _original_name(owner.extension))}
     taken: set[FrameId] = set()
@@ -140,11 +112,6 @@ def _with_original_shape_names(link: Link) -> Link:
              if (name := _original_name(shape.extension))}
     return replace(link, visuals=_restored(link.visuals), collisions=_restored(link.collisions),
                    extension=_with_contacts(link.extension, names))
-
-
-def flat_name(name: str) -> str:
-    """Return a name of a nested model without ``::``."""
-    return name.replace('::', '__')
 
 
 def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
@@ -182,14 +149,6 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
 
 def _new_id(frame: FrameId, names: _Names) -> FrameId:
     return FrameId(frame.kind, names.get(frame, frame.name))
-
-
-def allowed_name(name: str) -> str:
-    """Return a name without ``::`` and without the form ``__name__``, which SDF reserves."""
-    name = flat_name(name)
-    if len(name) > 3 and name.startswith('__') and name.endswith('__'):
-        name = name.strip('_') or 'unnamed'
-    return name
 
 
 def _with_shape_names(link: Link, report: Report) -> Link:
@@ -244,6 +203,11 @@ def _with_original_name(tag: str, owner: _Named, name: str) -> _Named:
 
 def _original_name(extension: Extension) -> str:
     return '' if extension.urdf is None else extension.urdf.get('name', '')
+
+
+def original_name(link: Link) -> str:
+    """Return the name of a link in URDF."""
+    return _original_name(link.extension) or link.name
 
 
 def _restored(owners: tuple[_Named, ...]) -> tuple[_Named, ...]:

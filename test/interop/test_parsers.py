@@ -31,6 +31,7 @@ import xml.etree.ElementTree as ElementTree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
+from opencv_tools.robot.lumping import without_massless
 from opencv_tools.robot.model import Axis, FrameId, Inertial, Link, MODEL, Placement, Robot
 from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
 from opencv_tools.robot.renaming import with_valid_sdf_names
@@ -130,7 +131,7 @@ def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
                 robot, Report(), SdfOptions(version=version, relative=poses == 'relative'))
             path = folder / f'{name}.{version}.{poses}.sdf'
             path.write_bytes(to_bytes(root))
-            yield Case(path, with_valid_sdf_names(robot, Report()))
+            yield Case(path, without_massless(with_valid_sdf_names(robot, Report()), Report()))
 
 
 @pytest.fixture(scope='session')

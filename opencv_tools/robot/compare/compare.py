@@ -31,7 +31,6 @@ from opencv_tools.robot.compare.properties import format_pair, random_position
 from opencv_tools.robot.compare.side import Item, Key, Poses, shapes_of, Side
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import Robot
-from opencv_tools.robot.renaming import with_original_names
 from opencv_tools.robot.xml.document import DescriptionError
 
 _HEADING = ('element', 'name', 'property', 'a', 'b', 'difference')
@@ -78,7 +77,7 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
         plugins, and the presence of frames.
     :raises DescriptionError: the frames or mimics of a robot have a cycle, or poses are too large.
     """
-    sides = Side(with_original_names(a)), Side(with_original_names(b))
+    sides = Side(a), Side(b)
     base, skipped, ordered = _common_base(*sides), _skipped_worlds(*sides), ordered_shapes(*sides)
     items = [side.items(base, skipped, ordered, everything) for side in sides]
     found: dict[Key, list[Difference]] = {key: [] for side in items for key in side}
@@ -86,8 +85,8 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
         if key in items[0] and key in items[1]:
             result.extend(_property_differences(key, items[0][key], items[1][key], tolerance))
         elif _presence_matters(key, sides, everything):
-            present = ('yes', 'no') if key in items[0] else ('no', 'yes')
-            result.append(_difference(key, 'presence', *present))
+            one, other = (_presence(side.get(key)) for side in items)
+            result.append(_difference(key, 'presence', one, other))
     equal = [key for key in items[0] if key in items[1]]
     generator = random.Random(seed)
     for sample in range(samples + 1):
@@ -153,6 +152,14 @@ def _presence_matters(key: Key, sides: tuple[Side, Side], everything: bool) -> b
         return everything
     link = name if element == 'inertial' else name.rpartition('/')[0]
     return element in ('link', 'joint') or all(link in side.links for side in sides)
+
+
+def _presence(item: Item | None) -> str:
+    """Return whether an object is there; of an inertial the mass, which may be a default."""
+    if item is None:
+        return 'no'
+    mass = item.properties.get('mass')
+    return f'{mass[0]:g} kg' if isinstance(mass, tuple) else 'yes'
 
 
 def _positions(a: Side, b: Side, generator: random.Random

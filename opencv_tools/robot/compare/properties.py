@@ -21,8 +21,8 @@ import random
 from lxml import etree
 from opencv_tools.robot.geometry import BLACK, LIGHT_COLORS, Material, Mesh
 from opencv_tools.robot.model import Axis, Dynamics, Joint, Limit, Shape
+from opencv_tools.robot.names import flat_name
 from opencv_tools.robot.pose import normalised, Transform
-from opencv_tools.robot.renaming import flat_name
 from opencv_tools.robot.xml.document import local_name
 from opencv_tools.robot.xml.numbers import UNLIMITED
 

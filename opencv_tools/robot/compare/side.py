@@ -25,10 +25,11 @@ from opencv_tools.robot.compare.properties import (
     Properties, Value)
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Extension, FrameId, Joint, Link, MODEL, Placement, Robot, RobotFrame, Shape)
-from opencv_tools.robot.pose import IDENTITY, rotated_tensor, Transform
-from opencv_tools.robot.renaming import flat_name
-from opencv_tools.robot.sdf.values import pose_of
+    Extension, FrameId, Inertial, Joint, Link, MODEL, Placement, Robot, RobotFrame, Shape)
+from opencv_tools.robot.names import flat_name
+from opencv_tools.robot.pose import IDENTITY, Pose, rotated_tensor, Transform
+from opencv_tools.robot.renaming import original_name, with_original_names
+from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, pose_of
 from opencv_tools.robot.xml.document import DescriptionError, Element, local_name
 from opencv_tools.robot.xml.numbers import c_float
 
@@ -116,7 +117,11 @@ class Side:
     """One of the two robots, with its objects by names that are the same in both formats."""
 
     def __init__(self, robot: Robot) -> None:
-        self.robot = robot
+        # What was massless in URDF has a mass in SDF, beside links with mass.
+        has_mass = any(link.inertial for link in robot.links)
+        self._heavy = {original_name(link) for link in robot.links
+                       if has_mass and not link.inertial and link.default_mass}
+        robot = self.robot = with_original_names(robot)
         self.kinematics = Kinematics(robot)
         self.links = dict(zip(_keys(link.name for link in robot.links), robot.links))
         self.joints = dict(zip(_keys(joint.name for joint in robot.joints), robot.joints))
@@ -138,13 +143,14 @@ class Side:
                 continue
             frame = FrameId('link', link.name)
             items['link', key] = Item(frame, IDENTITY, kept(link))
-            if link.inertial:
+            inertial = self._inertial(link)
+            if inertial:
                 # The axes of the moments are arbitrary, so the moments are rotated into the base.
-                offset = self._offset(link, link.inertial.placement)
+                offset = self._offset(link, inertial.placement)
                 rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
                 items['inertial', key] = Item(frame, Transform(translation=offset.translation), {
-                    'mass': (link.inertial.mass,),
-                    'inertia': rotated_tensor(link.inertial.inertia, rotation)})
+                    'mass': (inertial.mass,),
+                    'inertia': rotated_tensor(inertial.inertia, rotation)})
             for element, shapes in shapes_of(link):
                 names = (map(str, range(len(shapes))) if (element, key) in ordered
                          else (shape.name for shape in shapes))
@@ -174,6 +180,12 @@ class Side:
 
     def _base_frame(self, base: str) -> FrameId:
         return FrameId('link', self.links[base].name) if base else MODEL
+
+    def _inertial(self, link: Link) -> Inertial | None:
+        """Return what a simulator takes: a default beside links with mass if there is none."""
+        if link.inertial or link.name not in self._heavy:
+            return link.inertial
+        return Inertial(Placement(Pose(), FrameId('link', link.name)), *DEFAULT_INERTIAL)
 
     def _offset(self, link: Link, placement: Placement) -> Transform:
         return self.kinematics.within(FrameId('link', link.name), placement).transform()

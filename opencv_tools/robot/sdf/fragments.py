@@ -20,10 +20,9 @@ from collections.abc import Callable
 import math
 
 from lxml import etree
-from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
     Axis, Dynamics, FrameId, Limit, Mimic, MODEL, Placement, RobotFrame)
-from opencv_tools.robot.pose import normalised, Vector, ZERO
+from opencv_tools.robot.pose import normalised, Pose, Vector, ZERO
 from opencv_tools.robot.sdf.rules import find_flaw, parsed_elements
 from opencv_tools.robot.sdf.values import (
     MIMIC, MODEL_FRAME, number_element, number_of, pose_element, pose_of, text_element, Version)
@@ -149,12 +148,16 @@ def frame_from_element(
                       placement=Placement(pose_of(pose), base), line=line_of(element))
 
 
-def frame_to_element(frame: RobotFrame, kinematics: Kinematics) -> Element:
-    """Write a frame, placed relative to the frame that it is attached to."""
+def frame_to_element(frame: RobotFrame, pose: Pose, relative_to: str = '') -> Element:
+    """
+    Write a frame.
+
+    :param relative_to: frame of the pose; empty for the frame that the frame is attached to.
+    """
     element = etree.Element('frame', name=frame.name)
     if frame.attached_to != MODEL:
         element.set('attached_to', frame.attached_to.name)
-    pose_element(element, kinematics.between(frame.attached_to, FrameId('frame', frame.name)))
+    pose_element(element, pose, '' if relative_to == frame.attached_to.name else relative_to)
     return element
 
 

@@ -44,7 +44,8 @@ def read_link(element: TrackedElement, context: SdfContext) -> Link:
     return Link(
         name=name, placement=placement, visuals=shapes['visual'], collisions=shapes['collision'],
         inertial=None if inertial is None else _read_inertial(inertial, frame, context),
-        extension=context.extension(element), line=line_of(element))
+        extension=context.extension(element), default_mass=DEFAULT_INERTIAL[0],
+        line=line_of(element))
 
 
 def _check_unique_names(link: TrackedElement, tag: str) -> None:

@@ -30,7 +30,7 @@ import re
 from typing import TypeVar
 
 from opencv_tools.robot.model import WORLD
-from opencv_tools.robot.renaming import allowed_name, flat_name, Names
+from opencv_tools.robot.names import allowed_name, flat_name, Names
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_TAG

@@ -26,13 +26,14 @@ from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    FrameId, INERTIA, Joint, Link, MODEL, Robot, RobotFrame, Shape, WORLD)
+    FrameId, INERTIA, Joint, Link, MODEL, Placement, Robot, RobotFrame, Shape, WORLD)
+from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.includes import first_file, search_folders
 from opencv_tools.robot.sdf.inertia import auto_inertial, is_same_inertial, without_auto
 from opencv_tools.robot.sdf.values import (
-    AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, number_element, pose_element, text_element,
-    Version, written_version)
+    AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, MODEL_FRAME, number_element, pose_element,
+    text_element, Version, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
@@ -49,6 +50,20 @@ class _WriteContext:
     relative: bool  # whether each link is placed relative to its parent link
     report: Report
     folders: Sequence[Path]  # where meshes are searched
+
+    def placed(self, placement: Placement, pose: Pose, kinds: Sequence[str] = ('frame',)
+               ) -> tuple[Pose, str]:
+        """
+        Return a pose and the name of the frame that it is relative to.
+
+        :param pose: the pose without such a name.
+        :param kinds: kinds of frames in which the numbers of the file are kept. Links without
+            mass are frames.
+        """
+        frame = placement.relative_to
+        if frame.kind in kinds and frame.name != WORLD:
+            return placement.pose, frame.name or MODEL_FRAME
+        return pose, ''
 
     def write_extension(
             self, element: Element, written: RobotFrame | Joint | Link | Shape) -> None:
@@ -87,8 +102,13 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
         _write_joint(model, joint, context)
     substitutes = _substitute_frames(robot)
     for frame in robot.frames:
-        element = frame_to_element(replace(frame, attached_to=substitutes.get(
-            frame.attached_to, frame.attached_to)), context.kinematics)
+        attached_to = substitutes.get(frame.attached_to, frame.attached_to)
+        urdf = frame.extension.urdf
+        is_former = urdf is not None and any(str(name).startswith(URDF_TAG) for name in urdf.keys())
+        kinds = ('frame', 'link', 'model') if is_former else ()
+        element = frame_to_element(replace(frame, attached_to=attached_to), *context.placed(
+            frame.placement, context.kinematics.between(
+                attached_to, FrameId('frame', frame.name)), kinds))
         context.write_extension(element, frame)
         model.append(element)
     merge_unread(model, robot.extension.sdf)
@@ -119,12 +139,17 @@ def _write_link(model: Element, link: Link, context: _WriteContext) -> None:
     frame, kinematics = FrameId('link', link.name), context.kinematics
     joint = kinematics.parent_joint.get(link.name) if context.relative else None
     base = FrameId('link', joint.parent) if joint and joint.parent != WORLD else MODEL
-    pose_element(element, kinematics.between(base, frame), base.name)
+    if joint and joint.placement.relative_to.kind == 'frame':
+        base = joint.placement.relative_to
+    pose, former = context.placed(link.placement, kinematics.between(base, frame),
+                                  ('frame',) if context.relative else ())
+    pose_element(element, pose, former or base.name)
     link = _write_inertial(element, link, context)
     for tag, shapes in (('collision', link.collisions), ('visual', link.visuals)):
         for shape in shapes:
             child = etree.SubElement(element, tag, name=shape.name)
-            pose_element(child, kinematics.within(frame, shape.placement))
+            pose_element(child, *context.placed(
+                shape.placement, kinematics.within(frame, shape.placement)))
             _write_geometry(child, shape, context)
             _write_material(child, shape, context)
             context.write_extension(child, shape)
@@ -205,9 +230,9 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
     _preserve_type(element, joint, context)
     text_element(element, 'parent', joint.parent)
     text_element(element, 'child', joint.child)
-    frame = FrameId('joint', joint.name)
-    if joint.child != WORLD:
-        pose_element(element, kinematics.between(FrameId('link', joint.child), frame))
+    frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
+    if joint.child != WORLD and not (pose := kinematics.between(child, frame)).is_identity:
+        pose_element(element, *context.placed(joint.placement, pose))
     for tag, axis in zip(AXES, joint.axes):
         element.append(axis_to_element(axis, tag, version))
         if axis.mimic and version < MIMIC:

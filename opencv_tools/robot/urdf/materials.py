@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from lxml import etree
 from opencv_tools.robot.geometry import BLACK, Color, LIGHT_COLORS, Material
 from opencv_tools.robot.model import Link, Robot, Shape
-from opencv_tools.robot.renaming import Names
+from opencv_tools.robot.names import Names
 from opencv_tools.robot.xml.document import (
     AnyElement, Element, line_of, PARTLY_READ, required_attribute, TrackedElement)
 from opencv_tools.robot.xml.numbers import numbers, numbers_text

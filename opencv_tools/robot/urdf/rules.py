@@ -24,7 +24,7 @@ from collections.abc import Iterator, Mapping
 import math
 import re
 
-from opencv_tools.robot.renaming import Names
+from opencv_tools.robot.names import Names
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME

@@ -190,7 +190,8 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
 
 
 def _frame_element(root: Element, frame: RobotFrame, context: _WriteContext) -> None:
-    element = frame_to_element(frame, context.kinematics)
+    element = frame_to_element(frame, context.kinematics.between(
+        frame.attached_to, FrameId('frame', frame.name)))
     merge_unread(element, frame.extension.sdf)
     embed_foreign(element, frame.extension.urdf, 'urdf', Report(), frame.name, frame.line)
     element.tag = f'{SDF_TAG}frame'

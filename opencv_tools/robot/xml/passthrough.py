@@ -126,5 +126,5 @@ def namespaces(elements: Iterable[Element], origin: str) -> dict[str | None, str
     :param origin: the format that is not the one of the document, ``urdf`` or ``sdf``.
     """
     found = {prefix: uri for element in elements for prefix, uri in element.nsmap.items()
-             if prefix}
+             if prefix and uri not in PREFIXES.values()}
     return {**dict(sorted(found.items())), origin: PREFIXES[origin], 'preserved': _PRESERVED}

@@ -139,7 +139,7 @@ def test_lumped_auto_inertials_become_one_sum() -> None:
         '<joint name="j" type="fixed"><parent>a</parent><child>b</child></joint>')
     urdf, _ = urdf_of(text)
     robot = read_urdf(parse(to_bytes(urdf), 'r.urdf', Report()), Report())
-    root = convert_to_sdf(robot, Report(), SdfOptions(lump=True))
+    root = convert_to_sdf(robot, Report(), SdfOptions(fixed='lump'))
     inertial, = root.findall('model/link/inertial')
     assert (inertial.get('auto'), inertial.findtext('mass')) == (None, '2000')
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.renaming import Names
+from opencv_tools.robot.names import Names
 
 
 def test_free_name_is_kept() -> None:

@@ -166,7 +166,7 @@ def test_unknown_elements_of_urdf_after_sdf(version: str) -> None:
 
 
 def test_urdf_elements_of_a_lumped_frame() -> None:
-    robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), SdfOptions(lump=True))
+    robot = convert_to_sdf(urdf_of(URDF_WITH_MORE), Report(), SdfOptions(fixed='lump'))
     assert len(robot.xpath('model/frame/*/mimic')) == 1
     back = to_bytes(convert_to_urdf(sdf_of(to_bytes(robot)), Report()))
     again = convert_to_sdf(urdf_of(back), Report())
