@@ -26,6 +26,7 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from opencv_tools.base.regular_files import read_regular
 from opencv_tools.robot.geometry import Geometry, Mesh
+from opencv_tools.robot.packages import own_files
 from opencv_tools.robot.pose import Tensor, Vector
 
 if TYPE_CHECKING:
@@ -171,7 +172,8 @@ def _find(uri: str, folders: Sequence[Path]) -> Path:
         raise NoSolidError(f'{uri} is not on this computer')
     if scheme != 'file':
         path = path.lstrip('/') if separator else path
-    for candidate in (folder / path for folder in folders):
+    own = own_files(path, folders[0] / '-') if separator and folders else ()
+    for candidate in (*(folder / path for folder in folders), *own):
         if candidate.exists():
             return candidate
     raise NoSolidError(f'{uri} is not found; add its folder to GZ_SIM_RESOURCE_PATH')

@@ -24,6 +24,7 @@ from pathlib import Path
 import re
 from urllib.parse import unquote
 
+from opencv_tools.robot.packages import own_files
 from opencv_tools.robot.sdf.values import file_version, NEWEST, text_of, Version, version_of
 from opencv_tools.robot.xml.document import (
     DescriptionError, Element, local_name, parse, required_name, source_of, TrackedElement)
@@ -188,7 +189,8 @@ class ModelLoader:
         if scheme in _NAMED_SCHEMES:
             path = path.lstrip('/')
         # Joining keeps an absolute path unchanged.
-        return [base / path for base in search_folders(folder, self._search)]
+        return [*(base / path for base in search_folders(folder, self._search)),
+                *own_files(path if separator else '', folder / '-')]
 
 
 def _downloaded(uri: str) -> list[Path]:

@@ -103,8 +103,8 @@ def write_sdf(robot: Robot, report: Report, *, version: str = '1.11',
     substitutes = _substitute_frames(robot)
     for frame in robot.frames:
         attached_to = substitutes.get(frame.attached_to, frame.attached_to)
-        urdf = frame.extension.urdf
-        is_former = urdf is not None and any(str(name).startswith(URDF_TAG) for name in urdf.keys())
+        marks = () if frame.extension.urdf is None else frame.extension.urdf.attrib
+        is_former = any(str(name).startswith(URDF_TAG) for name in marks)
         kinds = ('frame', 'link', 'model') if is_former else ()
         element = frame_to_element(replace(frame, attached_to=attached_to), *context.placed(
             frame.placement, context.kinematics.between(

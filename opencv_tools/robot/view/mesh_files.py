@@ -31,14 +31,10 @@ from pathlib import Path
 import re
 from urllib.parse import quote, unquote
 
-from opencv_tools.base.regular_files import open_resolved, read_opened, read_regular
+from opencv_tools.base.regular_files import open_resolved, read_opened
 from opencv_tools.base.text import printable
+from opencv_tools.robot.packages import is_package, package_folders, package_name
 from opencv_tools.robot.sdf.includes import search_folders
-
-_MAX_ABOVE = 20  # folders above a file
-_MANIFEST = 'package.xml'
-_MANIFEST_BYTES = 1_000_000
-_NAME = re.compile(rb'<name>\s*([A-Za-z0-9_-]+)\s*</name>')
 
 
 def absolute(path: str | Path) -> Path:
@@ -58,17 +54,6 @@ def installed(package: str) -> Iterator[Path]:
             yield absolute(prefix) / 'share' / package
 
 
-def is_package(folder: Path, name: str) -> bool:
-    """Return whether a folder is the source of a package."""
-    return bool(name) and _name(folder) == name
-
-
-def package_folders(path: Path) -> Iterator[Path]:
-    """Return the folders above a file with a ``package.xml``, the nearest first."""
-    return (folder for folder in islice(path.parents, _MAX_ABOVE)
-            if (folder / _MANIFEST).is_file())
-
-
 def root_of(file: Path, place: Path, roots: Iterable[Path], package: str = '') -> Path | None:
     """
     Return the folder because of which a file may be read; None if it must not be read.
@@ -85,16 +70,8 @@ def root_of(file: Path, place: Path, roots: Iterable[Path], package: str = '') -
             return root
     if not any(place.is_relative_to(root) for root in roots):
         return None
-    name = package or next(map(_name, package_folders(place)), '')
+    name = package or next(map(package_name, package_folders(place)), '')
     return next((folder for folder in package_folders(file) if is_package(folder, name)), None)
-
-
-def _name(folder: Path) -> str:
-    try:
-        found = _NAME.search(read_regular(folder / _MANIFEST, _MANIFEST_BYTES))
-    except OSError:
-        return ''
-    return found[1].decode() if found else ''
 
 
 MAX_FILES = 2000

@@ -22,7 +22,7 @@ machine only. Plugins do not read such URIs, so it becomes a path in other texts
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout, suppress
 import importlib
 from io import StringIO
@@ -35,6 +35,7 @@ from xml.dom import minidom
 
 from opencv_tools.base.regular_files import describe_kind
 from opencv_tools.base.remedies import installation
+from opencv_tools.robot.packages import candidate_folders
 from opencv_tools.robot.xacro.errors import (
     LocatedBuilder, location_of, one_line, os_error, PACKAGE_MARKER, to_description_error,
     to_text, XacroProblem)
@@ -180,7 +181,8 @@ class _PatchedXacro:
 
     def _path(self, name: str) -> str:
         """Return the path of a file to include or to read as YAML."""
-        name = PACKAGE_MARKER.sub(lambda marker: _package_folder(marker[1]), name)
+        start = Path(self._xacro.filestack[-1] or '<stdin>')
+        name = PACKAGE_MARKER.sub(lambda marker: _package_folder(marker[1], start), name)
         path = str(self._original['abs_filename_spec'](name))
         self._report.files.append(path)
         with suppress(OSError, ValueError):
@@ -208,28 +210,18 @@ def _find(package: str) -> str:
     return f'/\ue000{package}\ue001'
 
 
-def _package_folder(package: str) -> str:
+def _package_folder(package: str, start: Path) -> str:
+    """Return the folder of a package; without a workspace one above a file that names it."""
     try:
         index: Any = importlib.import_module('ament_index_python.packages')
         return str(index.get_package_share_directory(package))
     except (ImportError, LookupError, OSError, ValueError):
         pass
-    for folder in _candidate_folders(package):
+    for folder in candidate_folders(package, start):
         if folder.is_dir():
             return str(folder)
     raise XacroProblem(f'package {package!r} of $(find {package}) is not found; source its '
                        'workspace, or add it to AMENT_PREFIX_PATH or ROS_PACKAGE_PATH')
-
-
-def _candidate_folders(package: str) -> Iterator[Path]:
-    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
-        yield Path(prefix) / 'share' / package
-    for entry in filter(None, os.environ.get('ROS_PACKAGE_PATH', '').split(os.pathsep)):
-        folder = Path(entry)
-        if folder.name == package:
-            yield folder
-        yield folder / package
-        yield from sorted(folder.glob(f'*/{package}'))
 
 
 def _replace_markers(document: minidom.Document, find: str, report: Report) -> None:
@@ -247,18 +239,18 @@ def _replaced(text: str, element: minidom.Element, find: str, report: Report) ->
     """Return a text of an element without markers, and report what is not a URI in URDF or SDF."""
     if element.tagName in _URI_HOLDERS:
         return _MARKER_URI.sub(r'package://\1', text)
+    source, line = location_of(element)
 
     def place(marker: re.Match[str]) -> str:
         package, written, reason = marker[1], f'package://{marker[1]}', 'as --find package says'
         if find == 'path':
             try:
-                folder = _package_folder(package)
+                folder = _package_folder(package, Path(source))
                 written = PACKAGE_MARKER.sub(lambda _: folder, marker[0])
                 reason = 'which is valid on this machine only; --find package writes a URI'
             except XacroProblem:
                 reason = ('because the package is not found; source its workspace, or add it to '
                           'AMENT_PREFIX_PATH')
-        source, line = location_of(element)
         report.warn(element.tagName, element.getAttribute('name'), SourceLine(line, source),
                     f'$(find {package}) is written as {written}, {reason}')
         return written

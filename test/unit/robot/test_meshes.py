@@ -154,3 +154,14 @@ def test_auto_inertial_of_a_mesh_there_and_back(tmp_path: Path) -> None:
     back = convert_to_sdf(read_robot(str(model / 'robot.urdf'), report)[0], report)
     assert back.xpath('model/link/inertial/@auto') == ['true']
     assert report.warnings == []
+
+
+def test_mesh_of_the_own_package(tmp_path: Path) -> None:
+    folder = tmp_path / 'checkout'
+    (folder / 'urdf').mkdir(parents=True)
+    (folder / 'package.xml').write_text('<package><name>arm_description</name></package>')
+    save_binary(folder / 'box.stl')
+    for uri in ('package://arm_description/box.stl', 'model://arm_description/box.stl'):
+        assert mesh_solid(Mesh(uri), [folder / 'urdf']).volume == pytest.approx(6)
+    with pytest.raises(NoSolidError, match='is not found'):
+        mesh_solid(Mesh('package://other/box.stl'), [folder / 'urdf'])

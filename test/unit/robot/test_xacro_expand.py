@@ -281,3 +281,22 @@ def test_missing_package_xacro(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, 'xacro', None)
     with pytest.raises(DescriptionError, match=r'a\.xacro: .*pip install xacro'):
         expand('a.xacro', b'<robot/>', {}, Report())
+
+
+@pytest.mark.parametrize('name', ['arm_description', 'other'])
+def test_own_package_without_a_workspace(
+        name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ('AMENT_PREFIX_PATH', 'ROS_PACKAGE_PATH'):
+        monkeypatch.delenv(variable, raising=False)
+    folder = tmp_path / 'checkout'
+    (folder / 'urdf' / 'parts').mkdir(parents=True)
+    (folder / 'package.xml').write_text('<package><name>arm_description</name></package>')
+    part = PLUGIN.format(f'$(find {name})/c.yaml', f'$(find {name})/d')
+    (folder / 'urdf' / 'parts' / 'p.xacro').write_text(f'{HEAD}{part}</robot>')
+    monkeypatch.chdir(folder / 'urdf')
+    include = '<xacro:include filename="$(find arm_description)/urdf/parts/p.xacro"/>'
+    for path in (folder / 'urdf' / 'a.xacro', Path('a.xacro')):
+        root = expanded(path, include)
+        assert root.findtext('.//parameters') == (
+            f'{folder}/c.yaml' if name == 'arm_description' else 'package://other/c.yaml')
+        assert root.findtext('.//uri') == f'package://{name}/d'
