@@ -63,6 +63,9 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
                      'my_arm/model.sdf --inertial zero -o my_arm.urdf', _LOSSY)
     _add_input(parser, 'INPUT', 'SDF file or model folder')
     _add_conversion_options(parser, 'package')
+    parser.add_argument('--urdf-version', default='', choices=['1.0', '1.1', '1.2'],
+                        help='URDF version of the output; 1.0 has cylinders for capsules '
+                        '[the least that the robot needs]')
     parser.add_argument('--frames', default='keep', choices=['keep', 'links'],
                         help='frames of SDF: keep them for the conversion back, or write empty '
                         'links on fixed joints, which tf has [%(default)s]')

@@ -82,8 +82,8 @@ def _sdf_to_urdf(options: Namespace, report: Report) -> int:
     from opencv_tools.robot.convert import convert_to_urdf, UrdfOptions
     return _convert('sdf', options, report, lambda robot: convert_to_urdf(
         robot, report, UrdfOptions(
-            inertial=options.inertial, frame_links=options.frames == 'links',
-            mesh_uri=options.mesh_uri)))
+            version=options.urdf_version, inertial=options.inertial,
+            frame_links=options.frames == 'links', mesh_uri=options.mesh_uri)))
 
 
 def _convert(language: str, options: Namespace, report: Report,

@@ -74,11 +74,14 @@ class UrdfOptions:
     """
     Options for writing a robot as URDF.
 
+    :param version: version of URDF, ``1.0``, ``1.1`` or ``1.2``; empty for the least that the
+        robot needs.
     :param inertial: a key of ``INERTIALS``.
     :param frame_links: whether the frames become links, see `trees.with_frame_links`.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
     """
 
+    version: str = ''
     inertial: str = 'same'
     frame_links: bool = False
     mesh_uri: str = 'package'
@@ -118,8 +121,9 @@ def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOpt
     robot = with_mesh_uris(robot, options.mesh_uri)
     if options.frame_links:
         robot = with_frame_links(robot, report)
-    root = write_urdf(with_original_names(with_valid_urdf_names(robot, report)), report)
-    keep_urdf_rules(root, robot.source, report)
+    robot = with_original_names(with_valid_urdf_names(robot, report))
+    root = write_urdf(robot, report, options.version)
+    keep_urdf_rules(root, robot.source, report, options.version)
     return root
 
 

@@ -97,7 +97,8 @@ def axis(random: Random) -> str:
 
 def urdf(random: Random, links: int) -> Element:
     """Create a random URDF robot with features of public robots."""
-    robot = ElementTree.Element('robot', name=random.choice(('made_up', 'made::up')))
+    name = random.choice(('made_up', 'made::up'))
+    robot = ElementTree.Element('robot', name=name, version='1.1')
     add(add(robot, 'material', name='global'), 'color', rgba='0.2 0.4 0.6 1')
     for index in range(links):
         _urdf_link(random, robot, f'link_{index}')

@@ -129,9 +129,11 @@ class UrdfContext:
     """
     Facts of the whole file.
 
+    :param version: version of URDF, such as ``1.0``.
     :param offsets: by link, the pose of its parent joint in it; without identities.
     """
 
+    version: str
     report: Report
     tree: LinkTree
     materials: MaterialTable
@@ -156,7 +158,7 @@ class UrdfContext:
         return _extension(root, self.gazebo.moved.get(MODEL, []), self.gazebo.remaining)
 
 
-def read_context(root: TrackedElement, report: Report) -> UrdfContext:
+def read_context(root: TrackedElement, report: Report, version: str) -> UrdfContext:
     """
     Read the tree, the materials and the ``<gazebo>`` blocks of a file, before its elements.
 
@@ -165,7 +167,8 @@ def read_context(root: TrackedElement, report: Report) -> UrdfContext:
     tree = build_tree(root, report)
     gazebo = extract_sdf(root, tree, report)
     return UrdfContext(
-        report=report, tree=tree, materials=collect_materials(root, report), gazebo=gazebo,
+        version=version, report=report, tree=tree, gazebo=gazebo,
+        materials=collect_materials(root, report),
         offsets={link: pose for link, joint in tree.parent_joint.items()
                  if (pose := preserved_pose(joint)) is not None and not pose.is_identity})
 

@@ -41,6 +41,7 @@ from opencv_tools.robot.urdf.context import read_context, UrdfContext
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.urdf.tree import LinkTree
+from opencv_tools.robot.urdf.versions import apply_version, is_implied, OPTIONAL_LIMITS
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, line_of, local_name, required_attribute,
     required_child, required_name, source_of, TrackedElement)
@@ -113,6 +114,9 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
         report.warn(local_name(other), link, line_of(other),
                     'is ignored; a geometry has one shape')
     element = required_child(parent, str(first.tag))
+    capsule = parent.take_first(f'{SDF_TAG}capsule')  # the writer put a cylinder in its place
+    if capsule is not None:
+        return Capsule(*_radius_and_length(capsule))
     for name in ('size', 'radius', 'length'):
         text = element.element.get(name, '')
         if '-' in text:
@@ -253,10 +257,14 @@ def _limit(element: TrackedElement, joint_type: str, context: UrdfContext) -> Li
             raise DescriptionError(
                 f'a {joint_type} joint requires <limit effort= velocity=>', element)
         return None
-    effort, velocity = (_effort_or_velocity(limit, name, is_required=joint_type != 'planar')
+    is_required = joint_type != 'planar' and context.version < OPTIONAL_LIMITS
+    effort, velocity = (_effort_or_velocity(limit, name, is_required=is_required)
                         for name in ('effort', 'velocity'))
     if not has_position_limits:
         return Limit(effort=effort, velocity=velocity)
+    for name in ('lower', 'upper') if context.version >= OPTIONAL_LIMITS else ():
+        if name not in limit:
+            raise DescriptionError(f'has no {name}=, which URDF {context.version} requires', limit)
     lower, upper = (limit_number(limit.get(name, '0'), limit, name) for name in ('lower', 'upper'))
     if lower > upper:
         context.report.warn('limit', required_name(element), line_of(limit),
@@ -266,7 +274,8 @@ def _limit(element: TrackedElement, joint_type: str, context: UrdfContext) -> Li
 
 def _effort_or_velocity(limit: TrackedElement, name: str, *, is_required: bool) -> float:
     if name not in limit and is_required:
-        raise DescriptionError(f'has no {name}=, which URDF requires', limit)
+        raise DescriptionError(f'has no {name}=, which URDF requires before version '
+                               f'{OPTIONAL_LIMITS}', limit)
     value = limit_number(limit.get(name, 'inf'), limit, name)
     return abs(value) if math.isinf(value) else value
 
@@ -303,7 +312,9 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
     if not name:
         name = _DEFAULT_NAME
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
-    context = read_context(root, report)
+    context = read_context(root, report, apply_version(element, report))
+    if is_implied(element):
+        root.get('version')
     tree = context.tree
     canonical = root.get(f'{SDF_TAG}canonical_link', '')
     if canonical and canonical not in tree.links:

@@ -25,6 +25,7 @@ import math
 import re
 
 from opencv_tools.robot.names import Names
+from opencv_tools.robot.urdf.versions import OLDEST, VERSIONS, written_version
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
@@ -34,21 +35,21 @@ from opencv_tools.robot.xml.report import Report
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
     'calibration': ('rising', 'falling'),
     'dynamics': ('damping', 'friction'),
-    'limit': ('lower', 'upper', 'effort', 'velocity'),
+    'limit': ('lower', 'upper', 'effort', 'velocity', 'acceleration', 'deceleration', 'jerk'),
     'mimic': ('multiplier', 'offset'),
     'safety_controller': ('soft_lower_limit', 'soft_upper_limit', 'k_position', 'k_velocity'),
 }
 _REQUIRED: Mapping[str, str] = {'mimic': 'joint', 'safety_controller': 'k_velocity'}
 _NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
-_VERSION = re.compile(r'1\.\d+')
 
 
-def keep_urdf_rules(root: Element, source: str, report: Report) -> None:
+def keep_urdf_rules(root: Element, source: str, report: Report, version: str = '') -> None:
     """
     Correct what the parser of URDF would refuse.
 
     :param root: the element ``<robot>``; it is changed.
     :param source: the file that the robot comes from.
+    :param version: the version of URDF to write; empty for the least that the robot needs.
     :raises DescriptionError: there is an error that cannot be corrected.
     """
     _restore_sdf(root)
@@ -56,7 +57,7 @@ def keep_urdf_rules(root: Element, source: str, report: Report) -> None:
     _complete_dynamics(root)
     _clamp_colors(root, report)
     _rename_materials(root, report)
-    _correct_version(root, report)
+    _correct_version(root, report, version)
     _check_numbers(root, source)
 
 
@@ -115,12 +116,20 @@ def _rename_materials(root: Element, report: Report) -> None:
         seen.add(name)
 
 
-def _correct_version(root: Element, report: Report) -> None:
-    version = root.get('version')
-    if version is not None and not _VERSION.fullmatch(version):
-        root.set('version', '1.0')
+def _correct_version(root: Element, report: Report, least: str) -> None:
+    text = root.get('version')
+    if text is not None and text not in VERSIONS:
+        del root.attrib['version']
+    version = written_version(root, least)
+    if text is not None or version > OLDEST:
+        root.set('version', version)
+    if text is not None and text not in VERSIONS:
         report.warn('robot', root.get('name', ''), 0,
-                    f"version={version!r} is not a version of URDF; '1.0' is written")
+                    f'version={text!r} is not a version of URDF; {version!r} is written')
+    elif not least and version > (text or OLDEST):
+        report.warn('robot', root.get('name', ''), 0, f'version="{version}" is written for '
+                    '<capsule>: parsers before urdfdom 5.1 leave out its visual or collision; '
+                    '--urdf-version 1.0 writes cylinders')
 
 
 def _check_numbers(root: Element, source: str) -> None:

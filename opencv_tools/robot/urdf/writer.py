@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import math
 
 from lxml import etree
+from opencv_tools.robot.geometry import Capsule, Cylinder
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -35,6 +36,7 @@ from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST
 from opencv_tools.robot.urdf.materials import material_element, MaterialNames, with_lights
 from opencv_tools.robot.urdf.poses import in_joint_frame
 from opencv_tools.robot.urdf.settings import take_settings
+from opencv_tools.robot.urdf.versions import OLDEST
 from opencv_tools.robot.xml.document import detached, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, UNLIMITED, value_text
 from opencv_tools.robot.xml.passthrough import (
@@ -115,17 +117,19 @@ class _WriteContext:
     report: Report
     materials: MaterialNames
     gazebo: GazeboBlocks
+    version: str
 
 
-def write_urdf(robot: Robot, report: Report) -> Element:
+def write_urdf(robot: Robot, report: Report, version: str = '') -> Element:
     """
     Write a robot.
 
     :param robot: robot with one root link.
+    :param version: the version of URDF; empty for the least that the robot needs.
     :returns: the element ``<robot>``.
     """
     robot, gazebo = take_blocks(robot, report)
-    context = _WriteContext(gazebo.kinematics, report, MaterialNames.of(robot), gazebo)
+    context = _WriteContext(gazebo.kinematics, report, MaterialNames.of(robot), gazebo, version)
     root = etree.Element('robot', name=robot.name,
                          nsmap=namespaces(robot.extension_elements(), 'sdf'))
     if robot.canonical_link:
@@ -252,9 +256,15 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
     _origin_element(element, context.kinematics.within(
         context.kinematics.urdf_frame(link.name), shape.placement))
     if shape.geometry:
-        geometry = etree.SubElement(etree.SubElement(element, 'geometry'),
-                                    type(shape.geometry).__name__.lower())
-        for field, value in vars(shape.geometry).items():
+        kind, parent = shape.geometry, etree.SubElement(element, 'geometry')
+        if isinstance(kind, Capsule) and context.version == OLDEST:
+            etree.SubElement(parent, f'{SDF_TAG}capsule', {
+                name: number_text(value) for name, value in vars(kind).items()})
+            kind = Cylinder(kind.radius, kind.length + 2 * kind.radius)
+            report.warn('capsule', name, shape.line, 'not supported by URDF 1.0; written as a '
+                        'cylinder of the same length, and preserved as <sdf:capsule>')
+        geometry = etree.SubElement(parent, type(kind).__name__.lower())
+        for field, value in vars(kind).items():
             if value is not None:
                 geometry.set('filename' if field == 'uri' else field, value_text(value))
     else:

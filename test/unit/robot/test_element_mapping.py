@@ -61,7 +61,7 @@ MASS = {
 # A path leads to the last of several links and joints: to the arm and the elbow.
 SMALL_ROBOTS = {
     'urdf': f"""
-<robot name="robot">
+<robot name="robot" version="1.1">
   <link name="body">{MASS['urdf']}</link>
   <link name="hand">{MASS['urdf']}</link>
   <link name="arm">{MASS['urdf']}</link>
@@ -161,7 +161,7 @@ TEXTS = {
         **dict.fromkeys((
             'selfCollide', 'turnGravityOff', 'cfmDamping', 'implicitSpringDamper',
             'provideFeedback'), 'true'),
-        'robot/@version': '1.1', 'gazebo/static': 'true',
+        'robot/@version': '1.2', 'gazebo/static': 'true',
     },
     'sdf': {
         '@name': 'else', 'pose': '1 2 3 0.1 0.2 0.3', '@relative_to': 'hand',

@@ -86,8 +86,12 @@ CORRECTED: dict[str, tuple[list[Entry], list[Entry]]] = {
 NOT_IN_YOURDFPY = {
     'ok_axis_not_of_length_1.urdf': 'yourdfpy does not normalise the axis of a prismatic joint',
     'ok_capsule.urdf': 'yourdfpy does not support capsules',
-    'ok_shapes.sdf': 'yourdfpy does not support capsules',
     'ok_mimic_of_a_mimic.urdf': 'yourdfpy reads the position of a mimic of a mimic as 0',
+    'ok_continuous_limit_of_effort_1_2.urdf': 'yourdfpy requires effort and velocity',
+    'ok_limit_without_effort_1_2.urdf': 'yourdfpy requires effort and velocity',
+    'ok_quaternion_1_1.urdf': 'yourdfpy ignores quaternions',
+    'warning_capsule.sdf': 'yourdfpy does not support capsules',
+    'warning_capsule_without_version.urdf': 'yourdfpy does not support capsules',
     'warning_capsule_without_length.sdf': 'yourdfpy does not support capsules',
     'warning_geometry_empty.urdf': 'yourdfpy requires a geometry',
     'warning_geometry_unknown.urdf': 'yourdfpy does not support ellipsoids',

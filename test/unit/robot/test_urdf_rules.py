@@ -18,9 +18,12 @@ from __future__ import annotations
 
 import re
 
+from lxml import etree
 from opencv_tools.robot.convert import convert_to_urdf, UrdfOptions
+from opencv_tools.robot.geometry import Capsule
+from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
-from opencv_tools.robot.xml.document import DescriptionError, parse
+from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
 from rows import each_row
@@ -57,11 +60,11 @@ def test_invalid_numbers_of_joints(content: str, message: str) -> None:
 
 
 @each_row(('version', 'back'), [
-    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.0')])
+    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.2')])
 def test_version_of_urdf(version: str, back: str) -> None:
     text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
-    model = read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
     report = Report()
+    model = read_urdf(parse(text.encode(), 'r.urdf', Report()), report)
     root = convert_to_urdf(model, report, UrdfOptions(inertial='zero'))
     assert root.get('version') == back
     assert [version in note.message for note in report.warnings] == [True] * (version != back)
@@ -83,3 +86,24 @@ def test_clamped_colors() -> None:
     root = through_sdf(content, report)
     assert root.xpath('//color/@rgba') == ['0 0 1 1', '1 0 0 1']
     assert [note.name for note in report.warnings] == ['red']  # SDF had the other one
+
+
+CAPSULE = ('<sdf version="1.9"><model name="m"><link name="a"><collision name="c"><geometry>'
+           '<capsule><radius>0.125</radius><length>0.75</length></capsule></geometry></collision>'
+           '</link></model></sdf>')
+
+
+@pytest.mark.parametrize(('version', 'written', 'tags'), [
+    ('', '1.1', ['capsule']), ('1.2', '1.2', ['capsule']),
+    ('1.0', None, ['capsule', 'cylinder'])])
+def test_written_version_of_a_robot_with_a_capsule(
+        version: str, written: str | None, tags: list[str]) -> None:
+    robot, report = read_sdf(parse(CAPSULE.encode(), 'm.sdf', Report()), Report()), Report()
+    root = convert_to_urdf(robot, report, UrdfOptions(version=version))
+    assert root.get('version') == written
+    geometry = root.find('link/collision/geometry')
+    assert geometry is not None and [etree.QName(one).localname for one in geometry] == tags
+    assert [note.element for note in report.warnings if 'capsule' in note.text()] == {
+        '': ['robot'], '1.0': ['capsule'], '1.2': []}[version]
+    back = read_urdf(parse(to_bytes(root), 'm.urdf', Report()), Report())
+    assert back.links[0].collisions[0].geometry == Capsule(0.125, 0.75)

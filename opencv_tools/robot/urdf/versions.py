@@ -1,0 +1,76 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Versions of URDF, and what the parser of each ignores, as urdfdom 6 does.
+
+Version 1.1 of February 2026 added ``quat_xyzw`` and ``<capsule>``. Version 1.2 of April 2026 made
+effort and velocity optional, and added limits of acceleration, deceleration and jerk.
+"""
+
+from __future__ import annotations
+
+from opencv_tools.robot.xml.document import Element, line_of
+from opencv_tools.robot.xml.report import Report
+
+VERSIONS = ('1.0', '1.1', '1.2')
+OLDEST, ROTATIONS, OPTIONAL_LIMITS = VERSIONS
+CAPSULE = ROTATIONS
+# The first version with an attribute, by the tag of its element.
+_SINCE = {('origin', 'quat_xyzw'): ROTATIONS, **dict.fromkeys(
+    (('limit', name) for name in ('acceleration', 'deceleration', 'jerk')), OPTIONAL_LIMITS)}
+
+
+def apply_version(root: Element, report: Report) -> str:
+    """
+    Return the version of a file, and remove the attributes that its parser ignores.
+
+    :param root: the element ``<robot>``; it is changed.
+    """
+    text = root.get('version', OLDEST)
+    version = text if text in VERSIONS else VERSIONS[-1] if text > VERSIONS[-1] else OLDEST
+    if text != version:
+        report.warn('robot', root.get('name', ''), line_of(root), f'version={text!r} is refused '
+                    f'by the parser of URDF; the file is read as {version!r}')
+        root.set('version', version)
+    for (tag, name), since in _SINCE.items():
+        for element in root.iter(tag) if version < since else ():
+            if element.attrib.pop(name, None) is not None:
+                report.warn(tag, _owner(element), line_of(element), f'{name}= is omitted: it has '
+                            f'no effect before version="{since}" of <robot>')
+    for element in root.iter('capsule') if version < CAPSULE else ():
+        report.warn('capsule', _owner(element), line_of(element), 'is ignored by the parser of '
+                    f'URDF before version="{CAPSULE}" of <robot>; it is converted')
+    return version
+
+
+def is_implied(root: Element) -> bool:
+    """Return whether a file has the version that the writer would choose for its content."""
+    return root.get('version') == CAPSULE and root.find('link/*/geometry/capsule') is not None
+
+
+def written_version(root: Element, least: str) -> str:
+    """
+    Return the version that a written robot needs.
+
+    :param least: the oldest version that may be returned; empty for any.
+    """
+    needed = CAPSULE if root.find('link/*/geometry/capsule') is not None else OLDEST
+    return max(root.get('version', OLDEST), needed, least)
+
+
+def _owner(element: Element) -> str:
+    """Return the name of the nearest element around an element that has one."""
+    names = (outer.get('name') for outer in element.iterancestors())
+    return next(filter(None, names), '')
