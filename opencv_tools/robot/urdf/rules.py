@@ -80,9 +80,9 @@ def _complete_limits(root: Element) -> None:
 def _complete_dynamics(root: Element) -> None:
     """Remove empty ``<dynamics>``, and write the default damping if there are no numbers."""
     for joint in root.iterfind('joint'):
-        for dynamics in joint.findall('dynamics'):
-            if not len(dynamics) and not dynamics.attrib:
-                joint.remove(dynamics)
+        found = joint.findall('dynamics')
+        if len(found) == 1 and not len(found[0]) and not found[0].attrib:
+            joint.remove(found[0])
     for dynamics in _joint_elements(root, 'dynamics'):
         if 'damping' not in dynamics.attrib and 'friction' not in dynamics.attrib:
             dynamics.set('damping', '0')

@@ -154,16 +154,24 @@ class TrackedElement:
         Return a copy of the element with its unread parts only; None if everything was read.
 
         Children from `find` have the attribute ``PARTLY_READ``, even if nothing of them was read:
-        the reader has an object for them, so the writer writes them again.
+        the reader has an object for them, so the writer writes them again. A child of which
+        everything was read stays as an empty element before an unread child with its tag, which
+        would take its place otherwise.
         """
         element, names = self.element, self._names
         children = []
+        read: set[str] = set()
         for child in element:
             tracked = self._children.get(child)
             if tracked is None:
+                if child.tag in read:
+                    read.discard(child.tag)
+                    children.append(etree.Element(child.tag, {PARTLY_READ: TEXT_READ}))
                 children.append(detached(child))
             elif not tracked._is_taken and (unread := tracked.unread()) is not None:
                 children.append(unread)
+            elif not tracked._is_taken:
+                read.add(str(child.tag))
         attributes = {str(name): str(value) for name, value in element.attrib.items()
                       if name not in names and name != PARTLY_READ}
         text = '' if '' in names else (element.text or '').strip()

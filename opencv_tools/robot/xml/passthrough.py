@@ -61,11 +61,17 @@ def merge_unread(element: Element, unread: Element | None, *, marked: bool = Fal
         target = written.get(child.tag) if PARTLY_READ in child.attrib else None
         if target is not None:
             merge_unread(target, child, marked=marked)
-        elif child.get(PARTLY_READ) != TEXT_READ:  # an element whose text is gone is left out
+        elif child.get(PARTLY_READ) != TEXT_READ or _is_repeated(child):
+            # An element whose text is gone is left out, unless another one would take its place.
             copy = detached(child)
             if not marked:
                 etree.strip_attributes(copy, PARTLY_READ)
             element.append(copy)
+
+
+def _is_repeated(element: Element) -> bool:
+    """Return whether another element with the tag follows, of which nothing was read."""
+    return any(PARTLY_READ not in other.attrib for other in element.itersiblings(element.tag))
 
 
 def embed_foreign(element: Element, unread: Element | None, origin: str, report: Report,

@@ -520,3 +520,59 @@ def _preserved(language: str, root: Element) -> Counter[str]:
 def _notes(report: Report, level: str) -> Counter[tuple[str, str, str]]:
     return Counter((note.element, note.name, note.message) for note in report.notes
                    if note.level == level)
+
+
+SPHERE = {'urdf': '<geometry><sphere radius="2"/></geometry>',
+          'sdf': '<geometry><sphere><radius>2</radius></sphere></geometry>'}
+#: Elements twice, first with the default, by format and by the element that has them.
+REPEATED = {
+    'urdf': {
+        'joint[@name="elbow"]': (
+            '<origin/><origin xyz="1 2 3"/>', '<origin xyz="0 0 0"/><origin rpy="1 0 0"/>',
+            '<dynamics damping="0"/><dynamics damping="5"/>', '<axis/><axis xyz="0 1 0"/>',
+            '<axis xyz="1 0 0"/><axis xyz="0 1 0"/>', '<mimic joint="wrist"/>'
+            '<mimic joint="wrist" multiplier="7"/>',
+            '<limit effort="1e16" velocity="1e16"/><limit lower="-1" effort="1" velocity="1"/>'),
+        'joint[@name="wrist"]': (
+            '<limit effort="1e16" velocity="1e16"/><limit effort="1" velocity="1"/>',),
+        'link[@name="hand"]': tuple(
+            f'<{tag} name="s"><origin/><origin xyz="1 2 3"/>{SPHERE["urdf"]}'
+            f'<geometry><box size="9 9 9"/></geometry></{tag}>' for tag in ('visual', 'collision')),
+        'link[@name="hand"]/inertial': ('<origin/><origin xyz="0 0 0.1"/>', '<mass value="4"/>'),
+        'link': (f'{MASS["urdf"]}<inertial><mass value="9"/></inertial>',),
+    },
+    'sdf': {
+        'joint[@name="elbow"]': (
+            '<pose>0 0 0 0 0 0</pose><pose>1 2 3 0 0 0</pose>', '<pose/><pose>0 0 1 0 0 0</pose>'),
+        'joint[@name="wrist"]/axis': (
+            '<limit/><limit><lower>-1</lower></limit>', '<dynamics/><dynamics><damping>3</damping>'
+            '</dynamics>', '<xyz>0 0 1</xyz><xyz>0 1 0</xyz>'),
+        'link[@name="arm"]': (
+            '<pose>0 0 0 0 0 0</pose><pose>1 2 3 0 0 0</pose>', *(
+                f'<{tag} name="s"><pose/><pose>1 2 3 0 0 0</pose>{SPHERE["sdf"]}<geometry><box/>'
+                f'</geometry></{tag}>' for tag in ('visual', 'collision'))),
+        'link[@name="arm"]/inertial': ('<pose/><pose>0 0 0.1 0 0 0</pose>', '<mass>7</mass>'),
+    },
+}
+
+
+@pytest.mark.parametrize(('language', 'path', 'content'), [
+    (language, path, content) for language, paths in REPEATED.items()
+    for path, contents in paths.items() for content in contents])
+def test_repeated_elements_keep_the_effect_of_the_first(
+        language: str, path: str, content: str) -> None:
+    root = etree.fromstring(SMALL_ROBOTS[language])
+    holder = (root if language == 'urdf' else root[0]).find(path)
+    assert holder is not None
+    added = etree.fromstring(f'<a>{content}</a>')
+    for tag in {child.tag for child in added if len(added) > 1 and holder.tag != 'inertial'}:
+        for old in holder.findall(tag):
+            holder.remove(old)
+    holder.extend(list(added))
+    there, _ = _converted(language, root)
+    other = 'sdf' if language == 'urdf' else 'urdf'
+    back, _ = _converted(other, there)
+    original, *found = (_read(one, tree, Report()) for one, tree in (
+        (language, root), (other, there), (language, back)))
+    for robot in found:
+        assert differences(original, robot, samples=2, tolerance=1e-12) == []
