@@ -38,6 +38,7 @@ from opencv_tools.robot.sdf.scopes import Scope
 from opencv_tools.robot.sdf.values import (
     flag, FRAMES, JOINT_AXES, MODEL_FRAME, pose_element, pose_of)
 from opencv_tools.robot.trees import select_root
+from opencv_tools.robot.xml.defined import read_table, report_undefined
 from opencv_tools.robot.xml.document import (
     DescriptionError, detached, Element, line_of, local_name, required_name, source_of,
     TrackedElement)
@@ -45,6 +46,7 @@ from opencv_tools.robot.xml.passthrough import extract_foreign, URDF_JOINT_TYPE,
 from opencv_tools.robot.xml.report import Report
 
 _MIMIC = f'{URDF_TAG}mimic'
+_DEFINED = read_table(Path(__file__).with_name('elements.txt'))
 
 
 def with_axes(joint: Joint, element: TrackedElement, context: SdfContext, kinematics: Kinematics
@@ -326,6 +328,8 @@ def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str =
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF; the root must be <sdf>', root)
     contexts = model_contexts(root, report, model, search)
+    report_undefined((context.scope.element.element for context in contexts), _DEFINED, 'SDF',
+                     report)
     top, registry = contexts[0].scope, contexts[0].registry
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     links, joints, frames = _read_elements(contexts)

@@ -24,6 +24,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 import math
+from pathlib import Path
 
 from lxml import etree
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
@@ -42,6 +43,7 @@ from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.urdf.versions import apply_version, is_implied, OPTIONAL_LIMITS
+from opencv_tools.robot.xml.defined import read_table, report_undefined
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, line_of, local_name, required_attribute,
     required_child, required_name, source_of, TrackedElement)
@@ -50,6 +52,7 @@ from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
 _DEFAULT_NAME = 'robot'
+_DEFINED = read_table(Path(__file__).with_name('elements.txt'))
 
 
 def shapes_of(element: TrackedElement, tag: str, link_frame: FrameId, materials: MaterialTable,
@@ -313,6 +316,7 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         name = _DEFAULT_NAME
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
     context = read_context(root, report, apply_version(element, report))
+    report_undefined(element.iterchildren('link', 'joint', 'material'), _DEFINED, 'URDF', report)
     if is_implied(element):
         root.get('version')
     tree = context.tree

@@ -71,7 +71,7 @@ def merge_unread(element: Element, unread: Element | None, *, marked: bool = Fal
 
 def _is_repeated(element: Element) -> bool:
     """Return whether another element with the tag follows, of which nothing was read."""
-    return any(PARTLY_READ not in other.attrib for other in element.itersiblings(element.tag))
+    return any(PARTLY_READ not in other.attrib for other in element.itersiblings(str(element.tag)))
 
 
 def embed_foreign(element: Element, unread: Element | None, origin: str, report: Report,

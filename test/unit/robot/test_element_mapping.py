@@ -536,8 +536,8 @@ REPEATED = {
         'joint[@name="wrist"]': (
             '<limit effort="1e16" velocity="1e16"/><limit effort="1" velocity="1"/>',),
         'link[@name="hand"]': tuple(
-            f'<{tag} name="s"><origin/><origin xyz="1 2 3"/>{SPHERE["urdf"]}'
-            f'<geometry><box size="9 9 9"/></geometry></{tag}>' for tag in ('visual', 'collision')),
+            f'<{tag} name="s"><origin/><origin xyz="1 2 3"/>{SPHERE["urdf"]}<geometry>'
+            f'<box size="9 9 9"/></geometry></{tag}>' for tag in ('visual', 'collision')),
         'link[@name="hand"]/inertial': ('<origin/><origin xyz="0 0 0.1"/>', '<mass value="4"/>'),
         'link': (f'{MASS["urdf"]}<inertial><mass value="9"/></inertial>',),
     },
@@ -565,7 +565,7 @@ def test_repeated_elements_keep_the_effect_of_the_first(
     holder = (root if language == 'urdf' else root[0]).find(path)
     assert holder is not None
     added = etree.fromstring(f'<a>{content}</a>')
-    for tag in {child.tag for child in added if len(added) > 1 and holder.tag != 'inertial'}:
+    for tag in {str(child.tag) for child in added if len(added) > 1 and holder.tag != 'inertial'}:
         for old in holder.findall(tag):
             holder.remove(old)
     holder.extend(list(added))
