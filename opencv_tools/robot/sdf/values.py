@@ -66,12 +66,15 @@ MATERIAL_COLORS = {
 # or the joint. The converter moves them between these places.
 GAZEBO: Mapping[str, frozenset[str]] = {
     'model': frozenset({
-        'allow_auto_disable', 'enable_wind', 'plugin', 'self_collide', 'static'}),
+        'allow_auto_disable', 'enable_wind', 'gripper', 'plugin', 'pose', 'self_collide',
+        'static'}),
     'link': frozenset({
         'audio_sink', 'audio_source', 'battery', 'enable_wind', 'gravity', 'kinematic', 'light',
         'must_be_base_link', 'particle_emitter', 'plugin', 'projector', 'self_collide', 'sensor',
         'velocity_decay'}),
-    'joint': frozenset({'sensor'}),
+    'joint': frozenset({
+        'gearbox_ratio', 'gearbox_reference_body', 'screw_thread_pitch', 'sensor',
+        'thread_pitch'}),
 }
 # Tags in <gazebo reference="joint"> that preserve a fixed joint.
 PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')

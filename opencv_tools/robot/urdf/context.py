@@ -29,13 +29,15 @@ from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
-    detached, Element, line_of, local_name, required_name, TrackedElement)
-from opencv_tools.robot.xml.passthrough import extract_foreign, SDF_TAG
+    detached, Element, line_of, local_name, PARTLY_READ, required_name, TrackedElement)
+from opencv_tools.robot.xml.passthrough import extract_foreign, merge_unread, SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
-# Tags of which SDF needs nothing: the colour of the visual counts, and fixed joints remain.
-_WITHOUT_EFFECT = ('material', *PRESERVING_TAGS)
-_SDF_COLLISION = f'{SDF_TAG}collision'
+# Elements of a link or joint whose contents Gazebo adds to all visuals or collisions of the link,
+# or to the physics of the joint.
+_FLAGS = {'yes': 'true', 'no': 'false'}  # words that only ``<gazebo>`` allows
+_MERGED = {('link', 'visual'): 'visual', ('link', 'collision'): 'collision',
+           ('joint', 'physics'): 'joint'}
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class Extracted:
     remaining: list[Element] = field(default_factory=list)
 
     def with_settings(self, extension: Extension, owner: str, name: str) -> Extension:
-        """Return an extension with the settings of a link or joint, or those of its collisions."""
+        """Return an extension with the settings of a link or joint, or of its shapes."""
         return with_values(extension, self.values.get((owner, name)))
 
 
@@ -91,18 +93,32 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
     :returns: why the element stays in its block, empty if it belongs there; None if it does not.
     """
     tag = str(element.tag)
+    text = (element.get('value') or element.text or '').strip()
+    text = _FLAGS.get(text.lower(), text)
     for owner in owners:
-        if tag in GAZEBO[owner.kind]:
+        if holder := _MERGED.get((owner.kind, tag)):
+            if holder != 'joint' and not _has_shapes(holder, owner.name, tree):
+                return ''  # it has no effect in Gazebo either
             flaw = fragment_flaw(element)
             if not flaw:
-                extracted.moved.setdefault(owner, []).append(detached(element))
+                values = extracted.values.setdefault((holder, owner.name), etree.Element(holder))
+                merge_unread(values, _as_parts(element, holder), marked=True)
+                report.preserve(tag, owner.name, line_of(element),
+                                f'moved from <gazebo> into each {tag} of the {owner.kind}')
+            return flaw or None
+        if tag in GAZEBO[owner.kind]:
+            copy = detached(element)
+            copy.text = text if text in ('true', 'false') else copy.text
+            flaw = fragment_flaw(copy)
+            if not flaw:
+                extracted.moved.setdefault(owner, []).append(copy)
                 report.preserve(tag, owner.name or robot, line_of(element),
                                 f'moved from <gazebo> into the {owner.kind}')
             return flaw or None
         if setting := SETTING_OF.get((owner.kind, tag)):
             if not _has_place(setting, owner.name, tree):
                 return ''  # it has no effect in Gazebo either
-            text = setting.converted(element.get('value') or element.text or '')
+            text = setting.converted(text)
             flaw = setting.flaw(text)
             if not flaw:
                 key = setting.owner, owner.name
@@ -111,17 +127,35 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
                     report.warn(tag, owner.name, line_of(element),
                                 f'{text!r} replaces another value of an earlier <{tag}>')
             return flaw or None
-    is_known = owners in ([], [MODEL]) or tag in _WITHOUT_EFFECT or tag.startswith('{')
+    is_known = not owners or tag in PRESERVING_TAGS or tag.startswith('{')
     return '' if is_known else 'has no effect in SDF'
 
 
 def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
     """Return whether a link or joint has the element that a setting is about."""
-    if setting.owner == 'collision':
-        link = tree.links[name].element
-        return any(link.find(tag) is not None for tag in ('collision', _SDF_COLLISION))
+    if setting.owner in _MERGED.values() and setting.owner != 'joint':
+        return _has_shapes(setting.owner, name, tree)
     return setting.fits(tree.joints[name].element.get('type', '') if (
         setting.owner == 'joint') else '')
+
+
+def _has_shapes(tag: str, name: str, tree: LinkTree) -> bool:
+    """Return whether a link has visuals or collisions."""
+    link = tree.links[name].element
+    return any(link.find(prefix + tag) is not None for prefix in ('', SDF_TAG))
+
+
+def _as_parts(element: Element, holder: str) -> Element:
+    """Return a copy of an element that is merged into others, or of a holder with the element."""
+    copy = detached(element)
+    if copy.tag != holder:
+        outer = etree.Element(holder)
+        outer.append(copy)
+        copy = outer
+    for inner in copy.iter(etree.Element):
+        if len(inner) and inner is not copy:
+            inner.set(PARTLY_READ, 'true')
+    return copy
 
 
 @dataclass(frozen=True, kw_only=True)

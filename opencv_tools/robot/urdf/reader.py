@@ -163,8 +163,10 @@ def read_link(element: TrackedElement, context: UrdfContext) -> Link:
     inertial = element.find('inertial')
     visuals, collisions = (shapes_of(element, tag, link_frame, context.materials, context.report)
                            for tag in ('visual', 'collision'))
-    collisions = tuple(replace(shape, extension=context.gazebo.with_settings(
-        shape.extension, 'collision', name)) for shape in collisions)
+    visuals, collisions = (
+        tuple(replace(shape, extension=context.gazebo.with_settings(shape.extension, tag, name))
+              for shape in shapes)
+        for tag, shapes in (('visual', visuals), ('collision', collisions)))
     return Link(
         name=name, placement=_link_placement(element, context),
         inertial=None if inertial is None else _inertial(

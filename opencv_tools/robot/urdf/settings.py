@@ -42,8 +42,8 @@ class Setting:
     A setting of a link or joint.
 
     :param tag: tag in ``<gazebo reference>``.
-    :param owner: element of SDF that has it: ``link``, ``joint``, or ``collision`` for all
-        collisions of the link.
+    :param owner: element of SDF that has it: ``link``, ``joint``, or ``visual`` or ``collision``
+        for all visuals or collisions of the link.
     :param paths: paths in that element, all with the same value.
     :param is_opposite: whether SDF has the opposite value.
     """
@@ -71,7 +71,9 @@ class Setting:
 
 
 _FRICTION, _CONTACT, _ODE = 'surface/friction/ode', 'surface/contact/ode', 'physics/ode'
+_SCRIPT = 'file://media/materials/scripts/gazebo.material'  # of the materials Gazebo/...
 SETTINGS = (
+    Setting('material', 'visual', ('material/script/name',)),
     Setting('mu1', 'collision', (f'{_FRICTION}/mu',)),
     Setting('mu2', 'collision', (f'{_FRICTION}/mu2',)),
     Setting('fdir1', 'collision', (f'{_FRICTION}/fdir1',)),
@@ -93,6 +95,9 @@ SETTINGS = (
     Setting('springReference', 'joint', ('axis/dynamics/spring_reference',)),
     Setting('springStiffness', 'joint', ('axis/dynamics/spring_stiffness',)),
 )
+# Elements that ``<gazebo>`` has for all visuals or collisions of a link.
+_SHARED = {'visual': ('cast_shadows', 'plugin', 'transparency', 'visibility_flags'),
+           'collision': ('surface',)}
 # By kind of the reference and by tag.
 SETTING_OF = {('joint' if setting.owner == 'joint' else 'link', setting.tag): setting
               for setting in SETTINGS}
@@ -111,6 +116,8 @@ def set_value(owner: Element, setting: Setting, text: str) -> bool:
         leaf = element.find(tag)
         leaf = etree.SubElement(element, tag) if leaf is None else leaf
         leaf.text = text
+        if element.tag == 'script' and element.find('uri') is None:
+            etree.SubElement(element, 'uri').text = _SCRIPT
     return former != text
 
 
@@ -134,9 +141,10 @@ def take_settings(robot: Robot, report: Report) -> tuple[Robot, dict[FrameId, li
 
     def link_without(link: Link) -> Link:
         found = taken.setdefault(FrameId('link', link.name), [])
-        collisions = _taken('collision', link.collisions, link, found, report)
+        visuals, collisions = (tuple(_taken(tag, shapes, link, found, report)) for tag, shapes in (
+            ('visual', link.visuals), ('collision', link.collisions)))
         link, = _taken('link', [link], link, found, report)
-        return replace(link, collisions=tuple(collisions))
+        return replace(link, visuals=visuals, collisions=collisions)
 
     def joint_without(joint: Joint) -> Joint:
         # A block of the same name belongs to the link, and Gazebo has no joint that closes a loop.
@@ -162,7 +170,8 @@ def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: li
         if not texts:
             continue
         if len(texts) > 1 or not all(leaves):
-            place = 'all collisions of the link' if kind == 'collision' else f'the whole {kind}'
+            is_shape = kind in ('visual', 'collision')
+            place = f'all {kind}s of the link' if is_shape else f'the whole {kind}'
             report.warn(setting.tag, owner.name, owner.line, 'is preserved without effect: URDF '
                         f'has one value of <{setting.paths[0]}> for {place}')
             continue
@@ -171,7 +180,27 @@ def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: li
         found.append(element)
         for leaf in (leaf for each in leaves for leaf in each):
             _remove(leaf)
+    whole = [copy for copy in copies if copy is not None]
+    if len(whole) == len(copies) and (shared := _shared(whole, _SHARED.get(kind, ()))):
+        element = etree.Element(kind)
+        element.extend(shared)
+        found.append(element)
     return [_with_sdf(holder, copy) for holder, copy in zip(holders, copies)]
+
+
+def _shared(owners: Sequence[Element], tags: Sequence[str]) -> list[Element]:
+    """Remove the elements with certain tags that all owners have alike, and return them."""
+    shared = []
+    for child in owners[0].findall('*') if owners else ():
+        alike = [twin for owner in owners for twin in owner.findall(str(child.tag))
+                 if etree.tostring(twin, method='c14n') == etree.tostring(child, method='c14n')]
+        if child.tag in tags and len(alike) == len(owners):
+            copy = detached(child)
+            etree.strip_attributes(copy, PARTLY_READ)
+            shared.append(copy)
+            for twin in alike:
+                _remove(twin)
+    return shared
 
 
 def _with_sdf(holder: _Holder, sdf: Element | None) -> _Holder:
@@ -186,6 +215,9 @@ def _leaves(owner: Element | None, setting: Setting) -> list[Element]:
     """Return the elements that have the one value of a setting; empty if they do not."""
     found = [] if owner is None else [owner.find(path) for path in setting.paths]
     leaves = [leaf for leaf in found if leaf is not None and not leaf.attrib and not len(leaf)]
+    if setting.owner == 'visual':  # other scripts are in other files
+        leaves = [leaf for leaf in leaves if (parent := leaf.getparent()) is not None
+                  and parent.findtext('uri') == _SCRIPT]
     is_one = len(leaves) == len(setting.paths) and len({leaf.text for leaf in leaves}) == 1
     return leaves if is_one else []
 
@@ -196,5 +228,7 @@ def _remove(element: Element) -> None:
     if parent is None:
         return
     parent.remove(element)
+    if parent.tag == 'script':
+        parent[:] = [child for child in parent if child.text != _SCRIPT]
     if not len(parent) and not set(parent.attrib) - {PARTLY_READ}:
         _remove(parent)

@@ -29,7 +29,7 @@ from opencv_tools.robot.geometry import Capsule, Cylinder
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
-    Axis, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, RobotFrame, Shape)
+    Axis, FrameId, INERTIA, Joint, Limit, Link, MODEL, Robot, RobotFrame, Shape, WORLD)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_element
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_FRAME, NEWEST
@@ -92,6 +92,8 @@ class GazeboBlocks:
     def _tags(self, owner: FrameId) -> frozenset[str]:
         # If a link and a joint have the same name, the block belongs to the link.
         is_shadowed = owner.kind == 'joint' and owner.name in self.kinematics.child_joints
+        if owner == MODEL and WORLD in self.kinematics.child_joints:
+            return GAZEBO[owner.kind] - {'pose'}  # the joint to the world has it
         return frozenset() if is_shadowed else GAZEBO[owner.kind]
 
     def _in_urdf(self, element: Element, owner: FrameId) -> Element:

@@ -374,7 +374,8 @@ def _built(language: str, path: str, tested: str) -> Element:
     if 'axis2' in steps:
         top.findall('joint')[-1].set('type', 'universal')
     if 'gazebo' in tested.split('/'):  # some of its elements belong to collisions
-        top.findall('link')[-1].append(etree.fromstring(CONTENTS['urdf']['collision']))
+        for shape in ('collision', 'visual'):
+            top.findall('link')[-1].append(etree.fromstring(CONTENTS['urdf'][shape]))
     if '@expressed_in' in steps:
         top.append(etree.fromstring('<frame name="turned"><pose>0 0 0 1 0 0</pose></frame>'))
     done = path.split('/')[0]

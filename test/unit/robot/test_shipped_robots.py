@@ -79,8 +79,8 @@ def values(path: Path) -> dict[str, object]:
 
 def _values(element: etree._Element, above: str) -> Iterator[tuple[str, object]]:
     tag = element.tag
-    if not isinstance(tag, str) or tag.startswith('{'):
-        return
+    if not isinstance(tag, str) or tag.startswith('{') or tag == 'script':
+        return  # the material Gazebo/White of URDF is the colour of the tutorial's SDF
     path = f'{above}/{tag}{element.get("name", "")}'
     if element.get('type'):
         yield f'{path}@type', element.get('type')

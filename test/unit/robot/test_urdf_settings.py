@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions, UrdfOptions
 from opencv_tools.robot.sdf.reader import read_sdf
+from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.urdf.settings import Setting, SETTINGS
 from opencv_tools.robot.xml.document import Element, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
@@ -29,7 +30,7 @@ from urdf_models import joint, LIMIT, read
 SPHERE = '<geometry><sphere radius="1"/></geometry>'
 ROBOT = joint(LIMIT).replace(
     '<link name="a"/>', f'<link name="a"><collision>{SPHERE}</collision><collision name="c">'
-    f'{SPHERE}</collision></link>')
+    f'{SPHERE}</collision><visual>{SPHERE}</visual><visual name="v">{SPHERE}</visual></link>')
 SDF_SPHERE = '<geometry><sphere><radius>1</radius></sphere></geometry>'
 
 
@@ -67,11 +68,12 @@ def test_every_setting_there_and_back(setting: Setting) -> None:
     reference = 'j' if owner == 'joint' else 'a'
     model, report = sdf_of(f'<gazebo reference="{reference}"><{tag}>{text}</{tag}></gazebo>')
     assert [note.message for note in report.warnings] == []
-    prefix = 'link/collision' if owner == 'collision' else f'{owner}[@name="{reference}"]'
+    is_shape = owner in ('visual', 'collision')
+    prefix = f'link/{owner}' if is_shape else f'{owner}[@name="{reference}"]'
     expected = 'false' if tag == 'turnGravityOff' else text
     for path in setting.paths:
         found = model.xpath(f'{prefix}/{path}/text()')
-        assert found == [expected] * (2 if owner == 'collision' else 1)
+        assert found == [expected] * (2 if is_shape else 1)
     assert model.xpath('//*[local-name()="urdf"]') == []
     back = convert_to_urdf(read_sdf(parse(to_bytes(model.getparent()), 'r.sdf', Report()),
                                     Report()), Report())
@@ -94,7 +96,7 @@ def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> No
 @each_row('content', [
     '<gazebo reference="j"><preserveFixedJoint>true</preserveFixedJoint></gazebo>',
     '<gazebo reference="j"><disableFixedJointLumping>true</disableFixedJointLumping></gazebo>',
-    '<gazebo reference="a"><material>Gazebo/Red</material></gazebo>',
+    '<gazebo reference="b"><material>Gazebo/Red</material></gazebo>',
     '<gazebo reference="b"><mu1>0.5</mu1></gazebo>'])
 def test_setting_that_sdf_does_not_need_stays_without_a_warning(content: str) -> None:
     model, report = sdf_of(content)
@@ -125,12 +127,48 @@ def test_last_of_several_values() -> None:
     assert ["'2' replaces another" in note.message for note in report.warnings] == [True]
 
 
-def test_rest_of_the_surface_stays_preserved() -> None:
+def test_rest_of_the_surface_is_in_the_block() -> None:
     urdf, report = urdf_of(collision(
         '<surface><friction><ode><mu>0.5</mu><slip1>2</slip1></ode></friction></surface>'))
-    assert settings_in(urdf) == [('a', 'mu1', '0.5')]
-    assert [element.tag for element in urdf.xpath('link//ode/*')] == ['slip1']
+    assert settings_in(urdf) == [('a', 'mu1', '0.5'), ('a', 'collision', None)]
+    assert urdf.xpath('gazebo/collision/surface/friction/ode/slip1/text()') == ['2']
+    assert urdf.xpath('link//ode') == []
     assert report.warnings == []
+
+
+def test_contents_for_all_shapes_of_a_link_there_and_back() -> None:
+    content = """<gazebo reference="a"><material>Gazebo/SkyBlue</material>
+        <visual><transparency>0.375</transparency></visual><collision><surface><bounce>
+        <restitution_coefficient>0.25</restitution_coefficient></bounce></surface>
+        <max_contacts>7</max_contacts></collision><mu1>0.125</mu1></gazebo>
+        <gazebo reference="j"><physics><ode><limit><cfm>0.5</cfm></limit></ode></physics>
+        <gearbox_ratio>2.5</gearbox_ratio></gazebo>
+        <gazebo><pose>1 2 3 0 0 0.5</pose><static>yes</static></gazebo>"""
+    model, report = sdf_of(content)
+    assert report.warnings == []
+    for path, texts in (
+            ('visual/material/script/name', ['Gazebo/SkyBlue'] * 2),
+            ('visual/transparency', ['0.375'] * 2), ('collision/max_contacts', ['7'] * 2),
+            ('collision/surface/bounce/restitution_coefficient', ['0.25'] * 2),
+            ('collision/surface/friction/ode/mu', ['0.125'] * 2)):
+        assert model.xpath(f'link[@name="a"]/{path}/text()') == texts
+    assert model.xpath('joint/physics/ode/limit/cfm/text()') == ['0.5']
+    assert model.xpath('joint/gearbox_ratio/text()') == ['2.5']
+    assert model.xpath('pose/text() | static/text()') == ['1 2 3 0 0 0.5', 'true']
+    there = read_sdf(parse(to_bytes(model.getparent()), 'r.sdf', Report()), Report())
+    back = convert_to_urdf(there, Report())
+    assert back.xpath('gazebo/visual/transparency/text()') == ['0.375']
+    assert back.xpath('gazebo[@reference]/material/text()') == ['Gazebo/SkyBlue']
+    robot = read_urdf(parse(to_bytes(back), 'r.urdf', Report()), Report())
+    again = convert_to_sdf(robot, Report())
+    assert again.xpath('model/link/visual/material/script/*/text()') == model.xpath(
+        'link/visual/material/script/*/text()')
+
+
+@each_row('content', ['<joint name="loop"/>', '<link name="x"/>', '<odd/>'])
+def test_element_of_the_model_without_an_effect_has_a_warning(content: str) -> None:
+    _, report = sdf_of(f'<gazebo>{content}</gazebo>')
+    assert ['no effect in SDF' in note.message for note in report.warnings] == [True]
 
 
 @pytest.mark.parametrize('other', ['', '<max_contacts>5</max_contacts>'])
