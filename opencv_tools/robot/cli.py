@@ -76,8 +76,8 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
 def robot_compare(argv: Sequence[str] | None = None) -> int:
     """Compare two robots and return 0 if they are the same, else 1."""
     parser = _parser('robot_compare', 'Compare two robots in any formats: inertials, shapes, '
-                     'colours, joints, and\nposes at zero and at random joint positions; also '
-                     'friction, sensors and\nplugins with --all.',
+                     'surfaces, colours, joints,\nand poses at zero and at random joint '
+                     'positions; also sensors and plugins\nwith --all.',
                      'my_arm.urdf my_arm/model.sdf', 'the robots differ')
     _add_input(parser, 'A', _ANY_FORMAT)
     _add_input(parser, 'B', _ANY_FORMAT)
@@ -87,7 +87,7 @@ def robot_compare(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--samples', type=integer, default=20, metavar='N',
                         help='number of random joint positions [%(default)s]')
     parser.add_argument('--all', action='store_true',
-                        help='compare all other elements too, such as friction, sensors and '
+                        help='compare all other elements too, such as gravity, sensors and '
                         f'plugins, and list more than {_MAX_DIFFERENCES} differences')
     parser.add_argument('--tolerance', type=_tolerance, default=1e-9, metavar='X',
                         help='greatest difference in metres, radians and other units; relative '

@@ -131,3 +131,121 @@ def test_settings_are_those_of_gazebo(
         compared += len(ours)
     assert compared > 10 * count
     record_property('settings compared with Gazebo', compared)
+
+
+# Each child of <gazebo>, with the reference of its block; values are none that others have.
+CHILDREN: dict[str, tuple[str, ...]] = {
+    'a': (
+        '<material>Gazebo/FlatBlack</material>', '<mu1>0.37</mu1>', '<mu2>0.41</mu2>',
+        '<fdir1>0 1 0</fdir1>', '<kp>1234.5</kp>', '<kd>67.5</kd>', '<minDepth>0.0075</minDepth>',
+        '<maxVel>0.85</maxVel>', '<maxContacts>13</maxContacts>', '<laserRetro>0.55</laserRetro>',
+        '<selfCollide>yes</selfCollide>', '<selfCollide>no</selfCollide>',
+        '<turnGravityOff>yes</turnGravityOff>', '<dampingFactor>0.035</dampingFactor>',
+        '<visual><transparency>0.45</transparency></visual>',
+        '<visual><cast_shadows>0</cast_shadows></visual>',
+        '<collision><surface><friction><ode><slip1>0.15</slip1></ode></friction></surface>'
+        '</collision>', '<collision><max_contacts>17</max_contacts></collision>',
+        '<gravity>0</gravity>', '<self_collide>1</self_collide>', '<enable_wind>1</enable_wind>',
+        '<kinematic>1</kinematic>',
+        '<velocity_decay><linear>0.25</linear></velocity_decay>',
+        '<sensor name="s" type="imu"><update_rate>33</update_rate></sensor>',
+        '<light name="l" type="point"><intensity>0.65</intensity></light>',
+        '<plugin name="p" filename="p.so"><odd>1</odd></plugin>', '<odd>5</odd>'),
+    'j': (
+        '<stopCfm>0.15</stopCfm>', '<stopErp>0.35</stopErp>', '<fudgeFactor>0.95</fudgeFactor>',
+        '<implicitSpringDamper>yes</implicitSpringDamper>',
+        '<provideFeedback>yes</provideFeedback>', '<springReference>0.45</springReference>',
+        '<springStiffness>2.75</springStiffness>',
+        '<physics><ode><limit><cfm>0.65</cfm></limit></ode></physics>',
+        '<gearbox_ratio>2.5</gearbox_ratio>', '<thread_pitch>3.5</thread_pitch>',
+        '<axis><dynamics><damping>0.7</damping></dynamics></axis>',
+        '<sensor name="f" type="force_torque"><update_rate>44</update_rate></sensor>',
+        '<preserveFixedJoint>1</preserveFixedJoint>'),
+    '': (
+        '<static>yes</static>', '<self_collide>1</self_collide>', '<pose>1 2 3 0 0 0.5</pose>',
+        '<plugin name="q" filename="q.so"><odd>2</odd></plugin>',
+        '<allow_auto_disable>0</allow_auto_disable>', '<enable_wind>1</enable_wind>',
+        '<gripper name="g"><palm_link>b</palm_link></gripper>',
+        '<joint name="loop" type="ball"><parent>b</parent><child>a</child></joint>',
+        '<frame name="tip"><pose>0 0 7 0 0 0</pose></frame>'),
+}
+#: Children that are not converted, with the reason. Each has a warning.
+REASONS = {
+    'a <odd>': 'libsdformat copies what SDF does not define; nothing reads it',
+    'j <axis>': 'it repeats the axis of the joint, and the first one counts',
+    ' <joint>': 'URDF has no loops; our model of URDF would differ from that of SDF',
+    ' <frame>': 'as <joint>',
+}
+
+
+DEFAULT_TAGS = ('cfm_damping', 'static')
+
+
+def numbers(text: str) -> str:
+    """Return a text with its numbers and flags in one form."""
+    words = [{'true': '1', 'false': '0', 'yes': '1', 'no': '0'}.get(word, word)
+             for word in text.split()]
+    try:
+        return ' '.join(repr(float(word)) for word in words)
+    except ValueError:
+        return ' '.join(words)
+
+
+def texts(model: ET.Element) -> set[tuple[str, str]]:
+    """Return all texts and attributes below a model, by the tags that lead there."""
+    found = set()
+    pending = [(model, 'model')]
+    while pending:
+        element, path = pending.pop()
+        found |= {(f'{path}@{name}', numbers(value)) for name, value in element.attrib.items()
+                  if name not in ('name', 'relative_to') and not name.startswith('{')}
+        if (element.text or '').strip() and not len(element):
+            found.add((path, numbers(element.text or '')))
+        pending += [(child, f'{path}/{child.tag}') for child in element
+                    if not child.tag.startswith('{')]
+    return found
+
+
+def added(path: Path, content: str, capsys: pytest.CaptureFixture[str]
+          ) -> tuple[set[tuple[str, str]], set[tuple[str, str]], str]:
+    """Return what a block adds to the SDF of Gazebo and to ours, and our warnings."""
+    sphere = '<geometry><sphere radius="0.5"/></geometry>'
+    links = (BODY.format('a') + BODY.format('b')).replace(
+        '</link>', f'<visual>{sphere}</visual></link>')
+    hinge = HINGE.format('j', 'b').replace('body0', 'a')
+    path.write_text(f'<robot name="r">{links}{hinge}{content}</robot>')
+    gazebo = subprocess.run(['ign', 'sdf', '-p', str(path)], capture_output=True, text=True,
+                            timeout=LONGEST_SECONDS, check=True).stdout
+    capsys.readouterr()
+    assert urdf_to_sdf([str(path), '--sdf-version', '1.9']) == 0
+    ours = capsys.readouterr()
+    models = [ET.fromstring(text).find('model') for text in (gazebo, ours.out)]
+    first, second = (texts(model) for model in models if model is not None)
+    return first, second, ours.err
+
+
+def test_each_child_of_gazebo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / 'r.urdf'
+    bare = added(path, '', capsys)
+    wrong = {}
+    for reference, contents in CHILDREN.items():
+        for content in contents:
+            tag = f'{reference} <{content[1:].partition(">")[0].partition(" ")[0]}>'
+            attribute = f' reference="{reference}"' if reference else ''
+            theirs, ours, errors = added(path, f'<gazebo{attribute}>{content}</gazebo>', capsys)
+            # libsdformat also adds defaults, such as <static>false</static>.
+            missing = {one for one in theirs - bare[0] - ours if one[1] in numbers_in(content)
+                       and (one[0].rpartition('/')[2] not in DEFAULT_TAGS or 'static' in content)}
+            if tag in REASONS:
+                assert 'no effect in SDF' in errors, tag
+            elif missing or errors:
+                wrong[content] = missing, errors
+    assert wrong == {}
+
+
+def numbers_in(content: str) -> set[str]:
+    """Return the texts and attributes of XML, in the form of `numbers`."""
+    found = set()
+    for element in ET.fromstring(content).iter():
+        found |= {numbers(value) for value in (element.text or '', *element.attrib.values())}
+    return found

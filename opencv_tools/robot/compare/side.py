@@ -34,6 +34,7 @@ from opencv_tools.robot.xml.document import DescriptionError, Element, local_nam
 from opencv_tools.robot.xml.numbers import c_float
 
 _FLAGS = {'true': (1.0,), 'false': (0.0,)}
+_SCRIPT = 'material/script/name'  # a material of Gazebo, which is the colour if there is no other
 
 
 def element_properties(extension: Extension) -> Properties:
@@ -133,6 +134,13 @@ class Side:
         def kept(owner: Robot | Link | Joint | RobotFrame | Shape) -> Properties:
             return element_properties(owner.extension) if everything else {}
 
+        def seen(shape: Shape) -> Properties:
+            found = element_properties(shape.extension)
+            has_color = shape.material and shape.material.color
+            return found if everything else {
+                name: value for name, value in found.items()
+                if name.startswith('surface/') or (name == _SCRIPT and not has_color)}
+
         to_base = self.kinematics.pose(self._base_frame(base)).inverse()
         items = {}
         if everything:
@@ -158,7 +166,7 @@ class Side:
                     items[element, f'{key}/{name}'] = Item(
                         frame, self._offset(link, shape.placement),
                         {**geometry_properties(shape), **material_properties(shape.material),
-                         **kept(shape)})
+                         **seen(shape)})
         for key, joint in self.joints.items():
             items['joint', key] = Item(
                 FrameId('joint', joint.name), IDENTITY,

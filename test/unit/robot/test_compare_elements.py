@@ -24,6 +24,7 @@ from opencv_tools.robot.cli import robot_compare, sdf_to_urdf, urdf_to_sdf
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.load import read_element
 from opencv_tools.robot.model import Robot
+from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import parse
 from opencv_tools.robot.xml.report import Report
 import pytest
@@ -185,3 +186,18 @@ def test_there_and_back(original: Path, capsys: pytest.CaptureFixture[str]) -> N
     for other_file in (there, back):
         assert robot_compare([str(original), str(other_file), '--all']) == 0, (
             capsys.readouterr().out)
+
+
+def test_surfaces_and_materials_of_gazebo_without_all() -> None:
+    def robot(block: str) -> Robot:
+        text = ('<robot name="r"><link name="a"><visual><geometry><sphere radius="1"/></geometry>'
+                '</visual><collision><geometry><sphere radius="1"/></geometry></collision></link>'
+                f'<gazebo reference="a">{block}</gazebo></robot>')
+        return read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
+
+    plain = robot('')
+    for block, what in (('<mu1>0.375</mu1>', ('collision', 'surface/friction/ode/mu')),
+                        ('<material>Gazebo/Gold</material>', ('visual', 'material/script/name'))):
+        found, = differences(plain, robot(block))
+        assert (found.element, found.property) == what
+    assert differences(plain, robot('<turnGravityOff>1</turnGravityOff>')) == []
