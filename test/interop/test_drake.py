@@ -24,6 +24,7 @@ import subprocess
 from typing import Any
 
 import numpy as np
+from opencv_tools.robot.cli import urdf_to_sdf
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.model import FrameId, Link
@@ -103,3 +104,39 @@ def test_computed_inertials_are_those_of_drake(
     record_property('inertials compared with Drake', count)
     record_property('largest relative difference from Drake', float(largest))
     assert largest < 1e-6
+
+
+#: Fixtures whose links weigh more in SDF, with a warning.
+HEAVIER = ('warning_inertial_missing.urdf',)
+#: Fixtures with limits at which Drake ends, and one whose link Drake takes for its own.
+NOT_IN_DRAKE = ('ok_effort_unlimited.urdf', 'ok_negative_effort.urdf',
+                'warning_lower_greater_than_upper.urdf', 'warning_world_with_a_mass.urdf')
+
+
+def test_masses_of_converted_robots(tmp_path: Path, record_property: Any) -> None:
+    drake = os.environ.get('OPENCV_TOOLS_DRAKE')
+    if not drake:
+        pytest.skip('PyPI has no drake for this version of Python')
+    pairs = {}
+    for path in sorted((ROOT / 'test' / 'data' / 'robots' / 'urdf').glob('*.urdf')):
+        if not path.name.startswith('error_') and path.name not in NOT_IN_DRAKE:
+            pairs[path] = tmp_path / f'{path.stem}.sdf'
+            assert urdf_to_sdf([str(path), '-o', str(pairs[path])]) == 0
+    finished = subprocess.run(
+        [drake, str(SCRIPT.with_name('drake_masses.py')), *map(str, pairs), *map(
+            str, pairs.values())], capture_output=True, text=True, timeout=LONGEST_SECONDS,
+        check=False)
+    found = json.loads(finished.stdout)
+    different, count = [], 0
+    for path, converted in pairs.items():
+        before, after = found[str(path)], found[str(converted)]
+        if 'error' in before or 'error' in after or not before['mass']:
+            continue
+        count += 1
+        values = [[one['mass'], *(value for matrix in one['matrices'] for _, value in sorted(
+            matrix.items()))] for one in (before, after)]
+        if len(values[0]) != len(values[1]) or not np.allclose(*values, rtol=1e-9, atol=1e-9):
+            different.append(path.name)
+    record_property('robots with the same mass and mass matrix in Drake', count)
+    assert count > 50
+    assert different == [*HEAVIER]
