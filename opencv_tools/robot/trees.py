@@ -21,8 +21,8 @@ from dataclasses import replace
 
 from opencv_tools.robot.kinematics import attached_links, Kinematics
 from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Placement, Robot
-from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.names import Names
+from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.report import Report
 
