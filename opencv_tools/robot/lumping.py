@@ -196,7 +196,9 @@ class _Merging:
         def new_id(frame: FrameId) -> FrameId:
             return FrameId('frame', frames[frame].name) if frame in frames else frame
 
-        return replace(robot, links=links, joints=without_orphan_mimics(joints, report),
+        # A frame that is marked is still a fixed joint to follow.
+        return replace(robot, links=links, joints=tuple(joints) if self.is_marked else (
+                           without_orphan_mimics(joints, report)),
                        frames=(*robot.frames, *frames.values()),
                        canonical_link=canonical).map_frame_ids(new_id)
 
@@ -318,8 +320,7 @@ def with_massless(robot: Robot) -> Robot:
     if not {end for joint in joints for end in (joint.parent, joint.child)} <= names:
         return robot
     for number, frame in frames[_LINK]:
-        own = parts[frame.name]
-        sdf = etree.Element('link')
+        own, sdf = parts[frame.name], etree.Element('link')
         sdf.extend(own['sdf'])
         links.insert(number, _without_marks(Link(
             name=frame.name, placement=frame.placement, visuals=tuple(own['visuals']),
@@ -366,8 +367,7 @@ def _split(link: Link, parts: Mapping[str, Mapping[str, list[Any]]]) -> Link:
 
 def _reconnected(joint: Joint) -> Joint:
     """Return a joint between its former links."""
-    marks = _marks(joint)
-    sdf = joint.extension.sdf
+    marks, sdf = _marks(joint), joint.extension.sdf
     if sdf is not None and _JOINT in marks:
         sdf = detached(sdf)
         for element in sdf.iterchildren(f'{URDF_TAG}*'):

@@ -17,8 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 
+from lxml import etree
 from opencv_tools.robot.kinematics import attached_links, Kinematics
 from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Placement, Robot
 from opencv_tools.robot.names import Names
@@ -85,6 +87,11 @@ def without_orphan_mimics(joints: Sequence[Joint], report: Report) -> tuple[Join
         if axes != joint.axes:
             report.warn('joint', joint.name, joint.line,
                         'mimics a dropped joint; dropped its <mimic>')
+            extension = deepcopy(joint.extension)
+            for unread in (extension.urdf, extension.sdf):
+                if unread is not None:  # the next one would take the place of the first
+                    etree.strip_elements(unread, 'mimic', with_tail=False)
+            joint = replace(joint, extension=extension)
         result.append(replace(joint, axes=axes))
     return tuple(result)
 

@@ -111,9 +111,11 @@ def _mimic(joint: TrackedElement, element: TrackedElement, axis: Axis, context: 
             mimic = mimic_of_urdf(old, old.get('joint', ''))
     if mimic is None:
         return None
-    leader = FrameId('joint', context.scope.qualified(mimic.joint))
-    if leader in context.registry.elements:
-        return replace(mimic, joint=leader.name)
+    leader = context.scope.qualified(mimic.joint)
+    # A frame is a fixed joint of URDF.
+    if any(FrameId(kind, leader) in context.registry.elements
+           for kind in (('joint', 'frame') if child is None else ('joint',))):
+        return replace(mimic, joint=leader)
     if child is None:
         raise DescriptionError(f'mimics {mimic.joint!r}, which is not a joint; name a joint of '
                                'the model', element)

@@ -32,8 +32,8 @@ from opencv_tools.robot.sdf.fragments import AXES, axis_to_element, frame_to_ele
 from opencv_tools.robot.sdf.includes import first_file, search_folders
 from opencv_tools.robot.sdf.inertia import auto_inertial, is_same_inertial, without_auto
 from opencv_tools.robot.sdf.values import (
-    AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, MODEL_FRAME, number_element, pose_element,
-    text_element, Version, written_version)
+    AUTO_INERTIA, CAPSULE, MATERIAL_COLORS, MIMIC, MODEL_FRAME, number_element, OLDEST_WRITTEN,
+    pose_element, text_element, Version, written_version)
 from opencv_tools.robot.xml.document import DescriptionError, Element
 from opencv_tools.robot.xml.numbers import number_text, numbers_text, value_text
 from opencv_tools.robot.xml.passthrough import (
@@ -234,16 +234,19 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
     if joint.child != WORLD and not (pose := kinematics.between(child, frame)).is_identity:
         pose_element(element, *context.placed(joint.placement, pose))
     for tag, axis in zip(AXES, joint.axes):
-        element.append(axis_to_element(axis, tag, version))
-        if axis.mimic and version < MIMIC:
+        is_joint = not axis.mimic or axis.mimic.joint not in {
+            one.name for one in kinematics.robot.frames}
+        element.append(axis_to_element(axis, tag, version if is_joint else OLDEST_WRITTEN))
+        if axis.mimic and (version < MIMIC or not is_joint):
             mimic = etree.SubElement(
                 element, f'{URDF_TAG}mimic', joint=axis.mimic.joint,
                 multiplier=number_text(axis.mimic.multiplier),
                 offset=number_text(axis.mimic.offset))
             if tag != AXES[0]:
                 mimic.set('axis', tag)
-            context.report.preserve('mimic', joint.name, joint.line,
-                                    f'not supported by SDF {version}; preserved as <urdf:mimic>')
+            note, why = (context.report.preserve, f'not supported by SDF {version};') if (
+                is_joint) else (context.report.warn, f'{axis.mimic.joint!r} is a frame in SDF;')
+            note('mimic', joint.name, joint.line, f'{why} preserved as <urdf:mimic>')
     context.write_extension(element, joint)
 
 

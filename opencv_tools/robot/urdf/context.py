@@ -141,8 +141,7 @@ def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:
 
 def _has_shapes(tag: str, name: str, tree: LinkTree) -> bool:
     """Return whether a link has visuals or collisions."""
-    link = tree.links[name].element
-    return any(link.find(prefix + tag) is not None for prefix in ('', SDF_TAG))
+    return any(tree.links[name].element.find(prefix + tag) is not None for prefix in ('', SDF_TAG))
 
 
 def _as_parts(element: Element, holder: str) -> Element:

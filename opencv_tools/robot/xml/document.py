@@ -155,23 +155,24 @@ class TrackedElement:
 
         Children from `find` have the attribute ``PARTLY_READ``, even if nothing of them was read:
         the reader has an object for them, so the writer writes them again. A child of which
-        everything was read stays as an empty element before an unread child with its tag, which
-        would take its place otherwise.
+        everything was read stays without attributes before an unread child with its tag, which
+        would take its place otherwise. A text of one word stays: it is the same in all frames.
         """
         element, names = self.element, self._names
         children = []
-        read: set[str] = set()
+        read: dict[str, str] = {}
         for child in element:
             tracked = self._children.get(child)
             if tracked is None:
                 if child.tag in read:
-                    read.discard(child.tag)
                     children.append(etree.Element(child.tag, {PARTLY_READ: TEXT_READ}))
+                    children[-1].text = read.pop(str(child.tag))
                 children.append(detached(child))
             elif not tracked._is_taken and (unread := tracked.unread()) is not None:
                 children.append(unread)
             elif not tracked._is_taken:
-                read.add(str(child.tag))
+                words = (child.text or '').split()
+                read[str(child.tag)] = words[0] if len(words) == 1 else ''
         attributes = {str(name): str(value) for name, value in element.attrib.items()
                       if name not in names and name != PARTLY_READ}
         text = '' if '' in names else (element.text or '').strip()
