@@ -65,7 +65,7 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
     _add_conversion_options(parser, 'package')
     parser.add_argument('--urdf-version', default='', choices=['1.0', '1.1', '1.2'],
                         help='URDF version of the output; 1.0 has cylinders for capsules '
-                        '[the least that the robot needs]')
+                        '[that of the original URDF, or else 1.0]')
     parser.add_argument('--frames', default='keep', choices=['keep', 'links'],
                         help='frames of SDF: keep them for the conversion back, or write empty '
                         'links on fixed joints, which tf has [%(default)s]')

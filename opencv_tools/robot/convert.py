@@ -31,6 +31,7 @@ from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import select_root, shortened, with_frame_links
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
+from opencv_tools.robot.urdf.versions import written_version
 from opencv_tools.robot.urdf.writer import write_urdf
 from opencv_tools.robot.xml.document import Element
 from opencv_tools.robot.xml.report import Report
@@ -74,8 +75,8 @@ class UrdfOptions:
     """
     Options for writing a robot as URDF.
 
-    :param version: version of URDF, ``1.0``, ``1.1`` or ``1.2``; empty for the least that the
-        robot needs.
+    :param version: version of URDF, ``1.0``, ``1.1`` or ``1.2``; empty for that of the URDF
+        that the robot comes from, or else ``1.0``.
     :param inertial: a key of ``INERTIALS``.
     :param frame_links: whether the frames become links, see `trees.with_frame_links`.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
@@ -122,8 +123,9 @@ def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOpt
     if options.frame_links:
         robot = with_frame_links(robot, report)
     robot = with_original_names(with_valid_urdf_names(robot, report))
-    root = write_urdf(robot, report, options.version)
-    keep_urdf_rules(root, robot.source, report, options.version)
+    version = written_version(robot.extension.urdf, options.version)
+    root = write_urdf(robot, report, version)
+    keep_urdf_rules(root, robot.source, report, version)
     return root
 
 

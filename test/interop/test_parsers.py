@@ -28,7 +28,7 @@ import subprocess
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions, UrdfOptions
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.lumping import without_massless
@@ -84,8 +84,8 @@ MESSAGES_OF_URDFDOM: Mapping[str, str] = {
     'warning_undefined_material.urdf': r"material 'red' undefined",
 }
 NO_MESSAGE = r'\A\Z'
-# urdfdom supports capsules since version 5. The tests replace them by cylinders.
-CAPSULE = "Unknown geometry type 'capsule'"
+# urdfdom before version 5, also that of ROS Jazzy, refuses the other versions of URDF.
+NEWER_URDF = "Invalid 'version' specified; only version 1.0 is currently supported"
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ class Written:
 
     original: Case | None
     sdf: Sequence[Case]
-    urdf: Sequence[Case]
+    urdf: Sequence[Case]  # as it is written by default, and of version 1.0
 
 
 def write_all(path: Path, folder: Path) -> Written:
@@ -114,13 +114,17 @@ def write_all(path: Path, folder: Path) -> Written:
     robot, language = read_robot(str(path), Report())
     source, original = robot, None
     name = '_'.join(path.parts[-2:])  # several files are called model.sdf
-    urdf = folder / f'{name}.urdf'
-    urdf.write_bytes(to_bytes(convert_to_urdf(robot, Report())))
-    back, _ = read_robot(str(urdf), Report())
+    cases = []
+    for version in ('1.0', ''):
+        urdf = folder / f'{name}.{version}.urdf'
+        urdf.write_bytes(to_bytes(convert_to_urdf(
+            robot, Report(), UrdfOptions(version=version))))
+        back, _ = read_robot(str(urdf), Report())
+        cases.append(Case(urdf, back))
     if language == 'sdf':
         root = parse(path.read_bytes(), str(path), Report())
         source, original = back, Case(path, read_sdf(root, Report()))
-    return Written(original, list(write_sdf_of(source, name, folder)), [Case(urdf, back)])
+    return Written(original, list(write_sdf_of(source, name, folder)), cases)
 
 
 def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
@@ -232,17 +236,15 @@ def test_poses_without_an_axis(
 
 @pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
 def test_tree_of_written_urdf(
-        path: Path, written: Mapping[Path, Written], tmp_path: Path,
+        path: Path, written: Mapping[Path, Written],
         record_property: Callable[[str, object], None]) -> None:
     for case in written[path].urdf:
         finished = check_urdf(case.path)
-        if CAPSULE in finished.stderr:
-            text = case.path.read_text()
-            assert '<capsule' in text
-            changed = tmp_path / case.path.name
-            changed.write_text(text.replace('<capsule', '<cylinder'))
-            finished = check_urdf(changed)
-            record_property('of these with capsules, which urdfdom 3 does not support', 1)
+        if is_newer(case.path):
+            assert path.suffix == '.urdf' and is_newer(path)
+            assert NEWER_URDF in finished.stderr
+            record_property('written URDF files of versions that urdfdom 3 refuses', 1)
+            continue
         assert 'Successfully Parsed XML' in finished.stdout, finished.stderr
         assert re.search(MESSAGES_OF_URDFDOM.get(path.name, NO_MESSAGE), finished.stderr)
         assert tree(finished.stdout) == {
@@ -266,9 +268,10 @@ def test_random_robots(
                 result['messages'] + case.path.read_text())
             compare(case.robot, result)
         for case in one.urdf:
-            text = case.path.read_text().replace('<capsule', '<cylinder')
-            case.path.write_text(text)
-            finished = check_urdf(case.path)
+            text, finished = case.path.read_text(), check_urdf(case.path)
+            if is_newer(case.path):
+                assert language == 'urdf' and NEWER_URDF in finished.stderr
+                continue
             assert 'Successfully Parsed XML' in finished.stdout, finished.stderr + text
             assert finished.stderr == '', text
     record_property('SDF files of random robots that libsdformat reads', len(results))
@@ -317,6 +320,11 @@ def test_command_and_library_agree(written: Mapping[Path, Written],
     results = run_libsdformat(wrong)
     for path in wrong:
         assert ('Valid' in ign_check(path).stdout) == results[str(path)]['valid'], path
+
+
+def is_newer(path: Path) -> bool:
+    """Return whether a file says another version of URDF than 1.0."""
+    return ElementTree.parse(path).getroot().get('version', '1.0') != '1.0'
 
 
 def check_urdf(path: Path) -> subprocess.CompletedProcess[str]:

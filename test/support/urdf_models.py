@@ -41,7 +41,7 @@ RED = (1.0, 0.0, 0.0, 1.0)
 
 def read(content: str, report: Report | None = None, root_link: str = '') -> Robot:
     """Read a robot with the given content."""
-    version = ' version="1.1"' if 'quat_xyzw' in content or '<capsule' in content else ''
+    version = ' version="1.1"' if 'quat_xyzw' in content else ''
     data = f'<robot name="r"{version} {SDF}>{content}</robot>'.encode()
     report = report or Report()
     return read_urdf(parse(data, 'r.urdf', report), report, root_link=root_link)

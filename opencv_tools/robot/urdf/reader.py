@@ -42,7 +42,7 @@ from opencv_tools.robot.urdf.context import read_context, UrdfContext
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.urdf.tree import LinkTree
-from opencv_tools.robot.urdf.versions import apply_version, is_implied, OPTIONAL_LIMITS
+from opencv_tools.robot.urdf.versions import apply_version, OPTIONAL_LIMITS
 from opencv_tools.robot.xml.defined import read_table, report_undefined
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, line_of, local_name, required_attribute,
@@ -116,10 +116,11 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     for other in others:
         report.warn(local_name(other), link, line_of(other),
                     'is ignored; a geometry has one shape')
-    element = required_child(parent, str(first.tag))
     capsule = parent.take_first(f'{SDF_TAG}capsule')  # the writer put a cylinder in its place
     if capsule is not None:
+        parent.take_first(str(first.tag))
         return Capsule(*_radius_and_length(capsule))
+    element = required_child(parent, str(first.tag))
     for name in ('size', 'radius', 'length'):
         text = element.element.get(name, '')
         if '-' in text:
@@ -319,8 +320,6 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
     context = read_context(root, report, apply_version(element, report))
     report_undefined(element.iterchildren('link', 'joint', 'material'), _DEFINED, 'URDF', report)
-    if is_implied(element):
-        root.get('version')
     tree = context.tree
     canonical = root.get(f'{SDF_TAG}canonical_link', '')
     if canonical and canonical not in tree.links:

@@ -25,7 +25,7 @@ import math
 import re
 
 from opencv_tools.robot.names import Names
-from opencv_tools.robot.urdf.versions import OLDEST, VERSIONS, written_version
+from opencv_tools.robot.urdf.versions import OLDEST, omit_newer, VERSIONS
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
@@ -43,13 +43,13 @@ _REQUIRED: Mapping[str, str] = {'mimic': 'joint', 'safety_controller': 'k_veloci
 _NUMBER = re.compile(r'[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?')
 
 
-def keep_urdf_rules(root: Element, source: str, report: Report, version: str = '') -> None:
+def keep_urdf_rules(root: Element, source: str, report: Report, version: str) -> None:
     """
     Correct what the parser of URDF would refuse.
 
     :param root: the element ``<robot>``; it is changed.
     :param source: the file that the robot comes from.
-    :param version: the version of URDF to write; empty for the least that the robot needs.
+    :param version: the version of URDF to write.
     :raises DescriptionError: there is an error that cannot be corrected.
     """
     _restore_sdf(root)
@@ -104,8 +104,7 @@ def _clamp_colors(root: Element, report: Report) -> None:
 def _rename_materials(root: Element, report: Report) -> None:
     """Rename materials of the robot with equal names, as visuals use the first one."""
     materials = root.findall('material')
-    taken = Names(material.get('name', '') for material in materials)
-    seen: set[str] = set()
+    taken, seen = Names(material.get('name', '') for material in materials), set[str]()
     for material in materials:
         name = material.get('name', '')
         if name in seen:
@@ -116,20 +115,14 @@ def _rename_materials(root: Element, report: Report) -> None:
         seen.add(name)
 
 
-def _correct_version(root: Element, report: Report, least: str) -> None:
+def _correct_version(root: Element, report: Report, version: str) -> None:
     text = root.get('version')
-    if text is not None and text not in VERSIONS:
-        del root.attrib['version']
-    version = written_version(root, least)
-    if text is not None or version > OLDEST:
-        root.set('version', version)
     if text is not None and text not in VERSIONS:
         report.warn('robot', root.get('name', ''), 0,
                     f'version={text!r} is not a version of URDF; {version!r} is written')
-    elif not least and version > (text or OLDEST):
-        report.warn('robot', root.get('name', ''), 0, f'version="{version}" is written for '
-                    '<capsule>: parsers before urdfdom 5.1 leave out its visual or collision; '
-                    '--urdf-version 1.0 writes cylinders')
+    if text is not None or version > OLDEST:
+        root.set('version', version)
+    omit_newer(root, version, report)
 
 
 def _check_numbers(root: Element, source: str) -> None:

@@ -24,9 +24,9 @@ from __future__ import annotations
 from opencv_tools.robot.xml.document import Element, line_of
 from opencv_tools.robot.xml.report import Report
 
+_OWNER = 'string(ancestor::*[@name][1]/@name)'  # the nearest element with a name
 VERSIONS = ('1.0', '1.1', '1.2')
 OLDEST, ROTATIONS, OPTIONAL_LIMITS = VERSIONS
-CAPSULE = ROTATIONS
 # The first version with an attribute, by the tag of its element.
 _SINCE = {('origin', 'quat_xyzw'): ROTATIONS, **dict.fromkeys(
     (('limit', name) for name in ('acceleration', 'deceleration', 'jerk')), OPTIONAL_LIMITS)}
@@ -44,33 +44,28 @@ def apply_version(root: Element, report: Report) -> str:
         report.warn('robot', root.get('name', ''), line_of(root), f'version={text!r} is refused '
                     f'by the parser of URDF; the file is read as {version!r}')
         root.set('version', version)
-    for (tag, name), since in _SINCE.items():
-        for element in root.iter(tag) if version < since else ():
-            if element.attrib.pop(name, None) is not None:
-                report.warn(tag, _owner(element), line_of(element), f'{name}= is omitted: it has '
-                            f'no effect before version="{since}" of <robot>')
-    for element in root.iter('capsule') if version < CAPSULE else ():
-        report.warn('capsule', _owner(element), line_of(element), 'is ignored by the parser of '
-                    f'URDF before version="{CAPSULE}" of <robot>; it is converted')
+    omit_newer(root, version, report)
+    for element in root.iter('capsule') if version < ROTATIONS else ():
+        report.warn('capsule', str(element.xpath(_OWNER)), line_of(element), 'is ignored by the '
+                    f'parser of URDF before version="{ROTATIONS}" of <robot>; it is converted')
     return version
 
 
-def is_implied(root: Element) -> bool:
-    """Return whether a file has the version that the writer would choose for its content."""
-    return root.get('version') == CAPSULE and root.find('link/*/geometry/capsule') is not None
+def omit_newer(root: Element, version: str, report: Report) -> None:
+    """Remove the attributes of newer versions than that of a file."""
+    for (tag, name), since in _SINCE.items():
+        for element in root.iter(tag) if version < since else ():
+            if element.attrib.pop(name, None) is not None:
+                report.warn(tag, str(element.xpath(_OWNER)), line_of(element), f'{name}= is '
+                            f'omitted: it has no effect before version="{since}" of <robot>')
 
 
-def written_version(root: Element, least: str) -> str:
+def written_version(unread: Element | None, chosen: str) -> str:
     """
-    Return the version that a written robot needs.
+    Return the version of a written robot: 1.0, which all parsers read, if nothing else is asked.
 
-    :param least: the oldest version that may be returned; empty for any.
+    :param unread: what was not read of the robot of URDF, with its version.
+    :param chosen: the version to write; empty for that of the robot.
     """
-    needed = CAPSULE if root.find('link/*/geometry/capsule') is not None else OLDEST
-    return max(root.get('version', OLDEST), needed, least)
-
-
-def _owner(element: Element) -> str:
-    """Return the name of the nearest element around an element that has one."""
-    names = (outer.get('name') for outer in element.iterancestors())
-    return next(filter(None, names), '')
+    own = '' if unread is None else unread.get('version', '')
+    return chosen or (own if own in VERSIONS else OLDEST)

@@ -122,12 +122,12 @@ class _WriteContext:
     version: str
 
 
-def write_urdf(robot: Robot, report: Report, version: str = '') -> Element:
+def write_urdf(robot: Robot, report: Report, version: str = OLDEST) -> Element:
     """
     Write a robot.
 
     :param robot: robot with one root link.
-    :param version: the version of URDF; empty for the least that the robot needs.
+    :param version: the version of URDF; 1.0 has cylinders for capsules.
     :returns: the element ``<robot>``.
     """
     robot, gazebo = take_blocks(robot, report)
@@ -261,11 +261,13 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
         kind, parent = shape.geometry, etree.SubElement(element, 'geometry')
         if isinstance(kind, Capsule) and context.version == OLDEST:
             etree.SubElement(parent, f'{SDF_TAG}capsule', {
-                name: number_text(value) for name, value in vars(kind).items()})
+                key: number_text(value) for key, value in vars(kind).items()})
             kind = Cylinder(kind.radius, kind.length + 2 * kind.radius)
             report.warn('capsule', name, shape.line, 'not supported by URDF 1.0; written as a '
-                        'cylinder of the same length, and preserved as <sdf:capsule>')
-        geometry = etree.SubElement(parent, type(kind).__name__.lower())
+                        'cylinder of the same length')
+            report_preserved(report, 'sdf', name, shape.line, 'capsule')
+        geometry = etree.Element(type(kind).__name__.lower())
+        parent.insert(0, geometry)  # parsers read the first child
         for field, value in vars(kind).items():
             if value is not None:
                 geometry.set('filename' if field == 'uri' else field, value_text(value))

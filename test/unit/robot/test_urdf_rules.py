@@ -19,7 +19,7 @@ from __future__ import annotations
 import re
 
 from lxml import etree
-from opencv_tools.robot.convert import convert_to_urdf, UrdfOptions
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, UrdfOptions
 from opencv_tools.robot.geometry import Capsule
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
@@ -94,8 +94,8 @@ CAPSULE = ('<sdf version="1.9"><model name="m"><link name="a"><collision name="c
 
 
 @pytest.mark.parametrize(('version', 'written', 'tags'), [
-    ('', '1.1', ['capsule']), ('1.2', '1.2', ['capsule']),
-    ('1.0', None, ['capsule', 'cylinder'])])
+    ('', None, ['cylinder', 'capsule']), ('1.0', None, ['cylinder', 'capsule']),
+    ('1.1', '1.1', ['capsule']), ('1.2', '1.2', ['capsule'])])
 def test_written_version_of_a_robot_with_a_capsule(
         version: str, written: str | None, tags: list[str]) -> None:
     robot, report = read_sdf(parse(CAPSULE.encode(), 'm.sdf', Report()), Report()), Report()
@@ -103,7 +103,24 @@ def test_written_version_of_a_robot_with_a_capsule(
     assert root.get('version') == written
     geometry = root.find('link/collision/geometry')
     assert geometry is not None and [etree.QName(one).localname for one in geometry] == tags
-    assert [note.element for note in report.warnings if 'capsule' in note.text()] == {
-        '': ['robot'], '1.0': ['capsule'], '1.2': []}[version]
+    assert [note.element for note in report.warnings if 'capsule' in note.text()] == (
+        [] if written else ['capsule'])
     back = read_urdf(parse(to_bytes(root), 'm.urdf', Report()), Report())
     assert back.links[0].collisions[0].geometry == Capsule(0.125, 0.75)
+
+
+@pytest.mark.parametrize(('own', 'chosen', 'written'), [
+    ('', '', None), ('1.1', '', '1.1'), ('1.2', '', '1.2'), ('1.2', '1.0', '1.0'),
+    ('1.1', '1.2', '1.2')])
+def test_written_version_is_that_of_the_original(
+        own: str, chosen: str, written: str | None) -> None:
+    version, report = f'version="{own}"' if own else '', Report()
+    content = joint('<limit lower="0" upper="1" effort="1" velocity="2" acceleration="4"/>')
+    data = f'<robot name="r" {version}>{content}</robot>'.encode()
+    robot = read_urdf(parse(data, 'r.urdf', Report()), Report())
+    sdf = read_sdf(parse(to_bytes(convert_to_sdf(robot, Report())), 'r.sdf', Report()), Report())
+    root = convert_to_urdf(sdf, report, UrdfOptions(version=chosen))
+    assert root.get('version') == written
+    assert root.xpath('string(joint/limit/@acceleration)') == '4' * (own == written == '1.2')
+    assert ['acceleration=' in note.message for note in report.warnings].count(True) == (
+        own == '1.2' and written != '1.2')
