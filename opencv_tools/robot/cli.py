@@ -69,6 +69,9 @@ def sdf_to_urdf(argv: Sequence[str] | None = None) -> int:
     parser.add_argument('--frames', default='keep', choices=['keep', 'links'],
                         help='frames of SDF: keep them for the conversion back, or write empty '
                         'links on fixed joints, which tf has [%(default)s]')
+    parser.add_argument('--world-link', default='', metavar='LINK',
+                        help='fix all root links to this one, which is new or one of them, '
+                        'because URDF allows one root link')
     _add_sdf_options(parser)
     return _run(parser, argv)
 

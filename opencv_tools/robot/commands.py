@@ -83,7 +83,8 @@ def _sdf_to_urdf(options: Namespace, report: Report) -> int:
     return _convert('sdf', options, report, lambda robot: convert_to_urdf(
         robot, report, UrdfOptions(
             version=options.urdf_version, inertial=options.inertial,
-            frame_links=options.frames == 'links', mesh_uri=options.mesh_uri)))
+            frame_links=options.frames == 'links', world_link=options.world_link,
+            mesh_uri=options.mesh_uri)))
 
 
 def _convert(language: str, options: Namespace, report: Report,

@@ -29,7 +29,7 @@ from opencv_tools.robot.renaming import (
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
 from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import select_root, shortened, with_frame_links
+from opencv_tools.robot.trees import select_root, shortened, with_frame_links, with_world_link
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.versions import written_version
 from opencv_tools.robot.urdf.writer import write_urdf
@@ -79,12 +79,15 @@ class UrdfOptions:
         that the robot comes from, or else ``1.0``.
     :param inertial: a key of ``INERTIALS``.
     :param frame_links: whether the frames become links, see `trees.with_frame_links`.
+    :param world_link: link to which all root links are fixed, see `trees.with_world_link`; empty
+        for a robot with one root link.
     :param mesh_uri: ``model``, ``package`` or ``keep``, see `with_mesh_uris`.
     """
 
     version: str = ''
     inertial: str = 'same'
     frame_links: bool = False
+    world_link: str = ''
     mesh_uri: str = 'package'
 
 
@@ -116,8 +119,10 @@ def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOpt
     :returns: the element ``<robot>``.
     :raises DescriptionError: URDF does not support the robot.
     """
-    robot = with_massless(with_inertials(
-        select_root(robot, '', report), options.inertial, report))
+    robot = with_inertials(robot, options.inertial, report)
+    if options.world_link:
+        robot = with_world_link(robot, options.world_link)
+    robot = with_massless(select_root(robot, '', report))
     report_inertials(robot, report)
     robot = with_mesh_uris(robot, options.mesh_uri)
     if options.frame_links:

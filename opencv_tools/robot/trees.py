@@ -43,8 +43,8 @@ def select_root(robot: Robot, root: str, report: Report) -> Robot:
                                f'{shortened(roots)}', source=robot.source)
     if not root and len(roots) > 1:
         raise DescriptionError(f'has {len(roots)} root links, URDF allows one; select it with '
-                               f'urdf_to_sdf or sdf_to_urdf --root: {shortened(roots)}',
-                               source=robot.source)
+                               f'urdf_to_sdf or sdf_to_urdf --root: {shortened(roots)}, or fix '
+                               'all to one with sdf_to_urdf --world-link', source=robot.source)
     if len(roots) == 1:
         return robot
     lines = {link.name: link.line for link in robot.links}
@@ -75,6 +75,29 @@ def _with_links(robot: Robot, names: set[str], kinematics: Kinematics) -> Robot:
         return Placement(kinematics.placement_pose(placement).pose(), MODEL)
 
     return robot.map_placements(place)
+
+
+def with_world_link(robot: Robot, name: str) -> Robot:
+    """
+    Return a robot with one root link, to which the other root links are fixed where they are.
+
+    The joints are named after the links, with ``_joint``.
+
+    :param name: name of the root link; a new link in the origin of the model, unless it is that
+        of a root link.
+    :raises DescriptionError: another link has the name.
+    """
+    roots, links = Kinematics(robot).roots, {link.name for link in robot.links}
+    if name in links and name not in roots:
+        raise DescriptionError(f'--world-link {name!r} is a link below another one; give the '
+                               f'name of a new link, or one of {shortened(roots)}',
+                               source=robot.source)
+    new = () if name in links else (Link(name=name, placement=Placement(Pose(), MODEL)),)
+    taken = Names([*links, *(joint.name for joint in robot.joints)])
+    joints = [Joint(name=taken.new(f'{root}_joint'), type='fixed', parent=name, child=root,
+                    placement=Placement(Pose(), FrameId('link', root)))
+              for root in roots if root != name]
+    return replace(robot, links=(*new, *robot.links), joints=(*joints, *robot.joints))
 
 
 def without_orphan_mimics(joints: Sequence[Joint], report: Report) -> tuple[Joint, ...]:

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Frames that become links on fixed joints."""
+"""Frames that become links on fixed joints, and root links that are fixed to one."""
 
 from __future__ import annotations
 
@@ -68,3 +68,39 @@ def test_names_of_links_for_frames() -> None:
     assert len(set(names)) == len(names) == 11
     assert {'optical', 'optical_joint', 'axle', 'floor'} < {link.name for link in result.links}
     assert result.frames == ()
+
+
+ROOTS = """<sdf version="1.9"><model name="m"><link name="a"><pose>1 0 0 0 0 0</pose></link>
+<link name="b"><pose>0 2 0 0 0 1</pose></link><link name="c"><pose>0 2 3 0 0 1</pose></link>
+<joint name="b_joint" type="revolute"><parent>b</parent><child>c</child>
+<axis><xyz>0 0 1</xyz></axis></joint></model></sdf>
+"""
+
+
+@pytest.mark.parametrize(('name', 'origin'), [
+    ('world', (0, 0, 0)), ('my base', (0, 0, 0)), ('a', (1, 0, 0)), ('b', (0, 2, 0))])
+def test_root_links_fixed_to_one(name: str, origin: tuple[float, ...], tmp_path: Path,
+                                 capsys: pytest.CaptureFixture[str]) -> None:
+    paths = tmp_path / 'a.sdf', tmp_path / 'b.urdf'
+    paths[0].write_text(ROOTS)
+    command = [str(paths[0]), '-o', str(paths[1]), '--strict', '--inertial', 'zero']
+    assert sdf_to_urdf(command) == 2
+    assert '--root: \'a\', \'b\', or fix all to one with sdf_to_urdf --world-link' in (
+        capsys.readouterr().err)
+    assert sdf_to_urdf([*command, '--world-link', name]) == 0, capsys.readouterr().err
+    robots = [Kinematics(read_robot(str(path), Report())[0]) for path in paths]
+    assert robots[1].roots == [name]
+    before, after = (one.forward({'b_joint': [0.5]}) for one in robots)
+    for link in (FrameId('link', link) for link in 'abc'):
+        np.testing.assert_allclose(
+            np.subtract(before[link].translation, after[link].translation),
+            np.subtract(origin, after[FrameId('link', name)].translation), atol=1e-12)
+        np.testing.assert_allclose(after[link].rotation, before[link].rotation, atol=1e-12)
+
+
+def test_world_link_that_is_below_another(tmp_path: Path,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / 'a.sdf').write_text(ROOTS)
+    assert sdf_to_urdf([str(tmp_path / 'a.sdf'), '--world-link', 'c']) == 2
+    assert "--world-link 'c' is a link below another one; give the name of a new link, or one " \
+        "of 'a', 'b'" in capsys.readouterr().err
