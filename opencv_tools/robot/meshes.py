@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     _Array = NDArray[np.float64]
 
 MAX_BYTES = 50_000_000
+#: First bytes of what git has in place of a file, until it gets the file from a store.
+LFS_POINTER = b'version https://git-lfs.github.com/spec/v1\n'
+LFS_REASON = 'is a Git LFS pointer; run `git lfs pull`'
 _VERTEX = re.compile(rb'^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$', re.MULTILINE)
 _ROUNDING = 1e-12
 _HEADER, _TRIANGLE = 84, 50  # bytes of a binary STL
@@ -157,6 +160,8 @@ def _read(uri: str, folders: Sequence[Path]) -> _Array:
         data = read_regular(_find(uri, folders), MAX_BYTES)
     except OSError as err:
         raise NoSolidError(f'{uri} cannot be read: {err.strerror}') from err
+    if data.startswith(LFS_POINTER):
+        raise NoSolidError(f'{uri} {LFS_REASON}')
     try:
         triangles = reader(data)
     except ValueError as err:

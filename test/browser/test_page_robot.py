@@ -154,6 +154,106 @@ def expected(robot: Robot, sample: list[list[float]]) -> dict[str, Any]:
     }
 
 
+_SHOWN = """['visuals', 'collisions', 'inertia', 'frames', 'names', 'axes'].filter(
+  (name) => document.getElementById(`show-${name}`).checked)"""
+_MARKS = """(robotView.stage.draw(),
+  robotView.page.views[0].marks.filter((one) => one.visible).length)"""
+# Names that are shown, with their rectangles in pixels.
+_NAMES = """(robotView.stage.draw(), [...document.querySelectorAll('#names span')].filter(
+  (one) => one.style.visibility === 'visible').map((one) => {
+    const { left, top, right, bottom } = one.getBoundingClientRect();
+    return [one.textContent, left, top, right, bottom];
+  }))"""
+# Rectangles of the visuals in a view, as parts of it: left, right, top and bottom.
+_EXTENTS = """robotView.page.views.flatMap((view) => {
+  robotView.stage.draw();
+  const seen = view.corners(new Set(['visuals'])).map(
+    (one) => one.project(robotView.stage.camera));
+  return ['x', 'y'].flatMap((axis) => [Math.min, Math.max].map(
+    (find) => find(...seen.map((one) => one[axis]))));
+})"""
+
+
+def test_robot_alone_and_large_at_the_start(browser: Browser, tmp_path: Path) -> None:
+    for width, height in ((1280, 800), (390, 844), (2000, 500)):
+        page = open_robot(browser, tmp_path, SHIPPED[0], width=width, height=height)
+        assert page.evaluate(_SHOWN) == ['visuals']
+        assert page.evaluate(_MARKS) == 0
+        assert page.evaluate(_NAMES) == []
+        # Side by side, each robot fills its half; the frames are what differs.
+        for key, parts in (('', ['visuals']), ('3', ['visuals', 'frames'])):
+            if key:
+                page.press(key)
+            assert page.evaluate(_SHOWN) == parts
+            left, right, bottom, top = page.evaluate(_EXTENTS)
+            assert 1.8 < max(right - left, top - bottom) < 2
+            assert (left, bottom) == (pytest.approx(-right), pytest.approx(-top, abs=0.05))
+        page.close()
+
+
+@pytest.mark.parametrize(('shape', 'parts'), [
+    ('', ['visuals', 'frames']), ('collision', ['visuals', 'collisions']),
+    ('visual', ['visuals'])])
+def test_first_picture_is_not_empty(shape: str, parts: list[str], browser: Browser, tmp_path: Path
+                                    ) -> None:
+    box = f'<{shape}><geometry><box size="1 1 1"/></geometry></{shape}>' if shape else ''
+    (tmp_path / 'robot.urdf').write_text(f'<robot name="r"><link name="l">{box}</link></robot>')
+    page = open_robot(browser, tmp_path, tmp_path / 'robot.urdf')
+    assert page.evaluate(_SHOWN) == parts
+    page.close()
+
+
+def point_at(page: Page, x: float, y: float) -> None:
+    """Move the pointer to a part of the picture."""
+    page.evaluate(f"""(() => {{
+      const {{ left, top, width, height }} = (
+        robotView.stage.renderer.domElement.getBoundingClientRect());
+      robotView.stage.renderer.domElement.dispatchEvent(new PointerEvent('pointermove', {{
+        clientX: left + width * {x}, clientY: top + height * {y} }}));
+    }})()""")
+
+
+def test_name_of_the_link_below_the_pointer_and_of_the_chosen_one(
+        browser: Browser, tmp_path: Path) -> None:
+    (tmp_path / 'robot.urdf').write_text(
+        f'<robot name="r">{body("first", "1 1 1")}{body("second", "1 1 1")}<joint name="j" '
+        'type="fixed"><parent link="first"/><child link="second"/><origin xyz="0 0 3"/></joint>'
+        '</robot>')
+    page = open_robot(browser, tmp_path, tmp_path / 'robot.urdf')
+    names = f'{_NAMES}.map(([name]) => name)'
+    for y, found in ((0.9, ['first']), (0.1, ['second'])):
+        point_at(page, 0.5, y)
+        page.wait_for(f'String({names}) === "{found[0]}"')
+    point_at(page, 0.01, 0.5)
+    page.wait_for(f'{names}.length === 0')
+    page.evaluate('robotView.choose(0)')
+    assert page.evaluate(names) == ['first']
+    point_at(page, 0.5, 0.1)
+    page.wait_for(f'String({names}) === "second,first"')
+    page.press('n')
+    assert page.evaluate(names) == ['second', 'first']
+    page.close()
+
+
+@pytest.mark.parametrize('links', [2, 30, 500, 37])
+def test_names_are_never_over_each_other(links: int, browser: Browser, tmp_path: Path) -> None:
+    """A chain whose links are closer than the names, in each convention and side by side."""
+    page = open_robot(browser, tmp_path, chain(tmp_path, links))
+    page.wait_for('!!robotView.page')
+    page.press('n')
+    for key in '123':
+        page.press(key)
+        for position in (0, 0.3):
+            page.evaluate(f'robotView.move(0, 0, {position})')
+            names = page.evaluate(_NAMES)
+            assert len(names) >= min(links - 1, 10)
+            for number, (_, left, top, right, bottom) in enumerate(names):
+                for _, x, y, other_right, other_bottom in names[:number]:
+                    assert (left >= other_right or x >= right or top >= other_bottom
+                            or y >= bottom)
+    page.close()
+
+
 @pytest.mark.parametrize('path', [*SHIPPED, *ROBOTS], ids=lambda path: path.name)
 def test_drawn_poses_are_those_of_the_kinematics(path: Path, page: Page) -> None:
     robot = with_original_names(read_robot(str(path), Report())[0])
@@ -212,7 +312,7 @@ def test_nothing_is_drawn_while_nothing_moves(browser: Browser, tmp_path: Path) 
     for _ in range(20):
         page.wait_for_paint()
     assert page.evaluate('robotView.stage.draws') == before
-    # Each picture of the screen that a joint moves in is drawn once.
+    # Each picture of the screen that a joint moves in is drawn once, or not if drawing is slow.
     page.evaluate("""(async () => {
       for (let number = 0; number < 20; number += 1) {
         robotView.move(0, 0, number / 100);
@@ -220,7 +320,7 @@ def test_nothing_is_drawn_while_nothing_moves(browser: Browser, tmp_path: Path) 
         await new Promise((done) => requestAnimationFrame(done));
       }
     })()""")
-    assert page.evaluate('robotView.stage.draws') == before + 20
+    assert before < page.evaluate('robotView.stage.draws') <= before + 20
 
 
 def test_slider_and_mimic_joint(page: Page) -> None:
@@ -379,10 +479,12 @@ def test_camera_after_a_reload(browser: Browser, tmp_path: Path) -> None:
 
 def test_picture_of_all_axes(page: Page) -> None:
     show(page, SHIPPED[0])
+    page.press('a')
     page.evaluate("document.getElementById('fit').click(), robotView.stage.draw()")
     tips = page.evaluate("""robotView.page.views[0].axes.flat().map((arrow) => (
       new THREE.Vector3(0, arrow.cone.position.y, 0).applyMatrix4(arrow.matrixWorld)
         .project(robotView.stage.camera).toArray()))""")
+    page.press('a')
     assert len(tips) == 3
     assert all(abs(number) < 1 for tip in tips for number in tip)
 
@@ -395,7 +497,7 @@ def test_keys_after_a_slider(page: Page) -> None:
         page.press(key)
         assert page.evaluate(views) == shown
     axes = "document.getElementById('show-axes').checked"
-    for key, is_shown in (('a', False), ('A', True)):
+    for key, is_shown in (('a', True), ('A', False)):
         page.press(key)
         assert page.evaluate(axes) is is_shown
 
@@ -507,6 +609,44 @@ def test_mesh_of_each_format(name: str, data: bytes, page: Page, tmp_path: Path)
     assert page.complaints() == []
 
 
+def polygon(corners: int, *, ordered: bool) -> bytes:
+    """Return a mesh of one face, whose corners are on a circle or anywhere."""
+    generator = Random(0)
+    angles = [math.tau * number / corners for number in range(corners)]
+    points = [(math.cos(angle), math.sin(angle), 0.0) if ordered else
+              (generator.random(), generator.random(), generator.random()) for angle in angles]
+    return ''.join(f'v {x:.6f} {y:.6f} {z:.6f}\n' for x, y, z in points).encode() + (
+        f'f {" ".join(map(str, range(1, corners + 1)))}\n'.encode())
+
+
+@pytest.mark.parametrize(('corners', 'ordered', 'is_shown'), [
+    (4, True, True), (3_000, True, True), (300_000, True, False),
+    (10, False, True), (1_000, False, True), (77_777, False, False), (300_000, False, False)])
+def test_face_with_many_corners(
+    corners: int, ordered: bool, is_shown: bool, page: Page, tmp_path: Path,
+) -> None:
+    (tmp_path / 'a.obj').write_bytes(polygon(corners, ordered=ordered))
+    (tmp_path / 'robot.urdf').write_text(MESH.format('a.obj'))
+    show(page, tmp_path / 'robot.urdf')
+    child = 'robotView.page.views[0].links[0].shapes[0].children[0]'
+    page.wait_for(f'!!{child}')
+    reason = page.evaluate(f'{child}.userData.reason')
+    assert reason is None if is_shown else 'too many for their size' in reason
+
+
+def test_browser_that_does_not_unpack(page: Page, tmp_path: Path) -> None:
+    (tmp_path / 'a.stl').write_bytes(STL)
+    (tmp_path / 'robot.urdf').write_text(MESH.format('a.stl'))
+    page.evaluate('window.kept = DecompressionStream, delete window.DecompressionStream')
+    try:
+        show(page, tmp_path / 'robot.urdf')
+        page.wait_for('document.getElementById("numbers").innerText.includes('
+                      '"not shown: this browser does not unpack it (no DecompressionStream); '
+                      'use a newer browser")')
+    finally:
+        page.evaluate('void (window.DecompressionStream = window.kept)')
+
+
 TEXTURED_OBJ = (b'mtllib a.mtl\nv 0 0 0\nv 2 0 0\nv 0 3 1\nvt 0 0\nvt 1 0\nvt 0 1\n'
                 b'usemtl painted\nf 1/1 2/2 3/3\n')
 TEXTURED_DAE = (DAE % b'Z_UP').replace(b'<library_geometries>', b"""
@@ -592,7 +732,10 @@ def test_textures_with_a_reason(page: Page, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('name', 'data', 'reason'), [
     ('a.stl', None, 'it is not found'), ('a.stl', b'', ''), ('a.stl', b'\xff' * 90, 'damaged'),
-    ('a.obj', b'f 1 2 3', ''), ('a.dae', b'<COLLADA', ''), ('a.glb', b'glTF', ''),
+    ('a.stl', b'solid ' * 200_000, 'beginnings without an end'),
+    ('a.stl', b'solid a\n' + b'facet ' * 200_000 + b'endsolid a', 'beginnings without an end'),
+    ('a.obj', b'\n' * 3_000_000, 'it has no triangles'), ('a.obj', b'f 1 2 3', ''),
+    ('a.dae', b'<COLLADA', ''), ('a.glb', b'glTF', ''),
     ('a.glb', glb('https://example.org/points.bin'), ''), ('a.ply', b'ply', 'only stl'),
     ('a.glb', b'glTF' + struct.pack('<5I', 2, 100, 50, 0x4e4f534a, 0), 'damaged ('),
     ('a.glb', glb().replace(b'"bufferView": 0, ', b' ' * 11).replace(
@@ -641,6 +784,8 @@ def test_robot_of_10000_links(browser: Browser, tmp_path: Path) -> None:
     shapes = ''.join(f'<visual><geometry>{size}</geometry></visual>' for size in sizes)
     page = open_robot(browser, tmp_path, chain(tmp_path / 'model' / 'urdf', links, shapes))
     assert (tmp_path / 'robot.html').stat().st_size < 30_000_000
+    page.wait_for('!!robotView.page')
+    page.press('n')
     page.evaluate('robotView.move(0, 0, 1)')
     tip = page.evaluate('robotView.page.views[0].motion.links.at(-1).elements.slice(12, 15)')
     length = 0.1 * (links - 2)

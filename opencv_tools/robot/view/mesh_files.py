@@ -33,6 +33,7 @@ from urllib.parse import quote, unquote
 
 from opencv_tools.base.regular_files import open_resolved, read_opened
 from opencv_tools.base.text import printable
+from opencv_tools.robot.meshes import LFS_POINTER, LFS_REASON, MAX_BYTES
 from opencv_tools.robot.packages import is_package, package_folders, package_name
 from opencv_tools.robot.sdf.includes import search_folders
 
@@ -75,10 +76,10 @@ def root_of(file: Path, place: Path, roots: Iterable[Path], package: str = '') -
 
 
 MAX_FILES = 2000
-MAX_BYTES = 50_000_000  # of one file
 MAX_TOTAL = 200_000_000  # of all files of the page
 KINDS = ('stl', 'obj', 'dae', 'glb')
 MAX_NAMED = 100  # files that a mesh names
+MAX_POINTER = 1024  # bytes of a pointer of Git LFS
 _TYPES = {'png': 'image/png', 'jpg': 'image/jpeg', 'jpeg': 'image/jpeg'}
 _IMAGES = (*_TYPES,)
 # Kinds of the files that a file names, and their names in it.
@@ -204,6 +205,9 @@ class MeshFiles:
                                   f'but {MAX_TOTAL} are the limit of all files')
             if len(self.files) >= MAX_FILES:
                 raise NoMeshError(f'{MAX_FILES} files are the limit')
+            if size < MAX_POINTER and _content(path).startswith(LFS_POINTER):
+                self.missing.append(path)
+                raise NoMeshError(f'it {LFS_REASON}')
         except (NoMeshError, OSError, ValueError) as err:
             return MeshFile(name, _ROLES[kinds], reason=printable(
                 str(getattr(err, 'strerror', None) or err), 400))

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Iterator
+import gzip
 import hashlib
 from html import escape
 from importlib.resources import files
@@ -31,7 +32,7 @@ MODULES = ('motion.js', 'shapes.js', 'robot.js', 'stage.js', 'panel.js', 'live.j
 INDEX, STYLE, LIBRARY = 'index.html', 'view.css', 'three.js'
 _TYPES = {'.css': 'text/css', '.html': 'text/html', '.js': 'text/javascript'}
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./[a-z]+\.js';\n", re.MULTILINE)
-_CHUNK = 3 << 18  # bytes of a mesh; base64 has groups of three
+_PACKED = ('mesh', 'material')  # roles of files that are not compressed yet
 _EXPORT = re.compile(r'^export ', re.MULTILINE)
 _LINES = re.compile(r'^<(?:link|script).*?>(?:</script>)?\n', re.MULTILINE)
 
@@ -95,9 +96,9 @@ def _document(content: Content) -> Iterator[bytes]:
         except NoMeshError as err:
             yield to_json({**mesh, 'reason': str(err)}).encode()
             continue
-        yield f'{to_json(mesh)[:-1]},"data":"'.encode()
-        for begin in range(0, len(data), _CHUNK):
-            yield b64encode(data[begin:begin + _CHUNK])
+        is_packed = mesh['role'] in _PACKED
+        yield f'{to_json({**mesh, "packed": is_packed})[:-1]},"data":"'.encode()
+        yield b64encode(gzip.compress(data, mtime=0) if is_packed else data)
         yield b'"}'
     yield b']}'
 

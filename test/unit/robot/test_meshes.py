@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
 from opencv_tools.robot.geometry import Box, Mesh
 from opencv_tools.robot.load import read_robot
-from opencv_tools.robot.meshes import mesh_solid, NoSolidError, solid_of
+from opencv_tools.robot.meshes import LFS_POINTER, mesh_solid, NoSolidError, solid_of
 from opencv_tools.robot.xml.document import to_bytes
 from opencv_tools.robot.xml.report import Report
 import pytest
@@ -109,6 +109,8 @@ def test_moments_of_trimesh(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('name', 'content', 'reason'), [
     ('a.stl', None, 'a.stl is not found; add its folder to GZ_SIM_RESOURCE_PATH'),
+    ('a.stl', LFS_POINTER, 'a.stl is a Git LFS pointer; run `git lfs pull`'),
+    ('a.obj', LFS_POINTER, 'a.obj is a Git LFS pointer; run `git lfs pull`'),
     ('a.dae', b'', 'only .stl and .obj are read'),
     ('a.stl', b'', 'a.stl has no triangles'),
     ('a.stl', b'vertex 0 0 0\nvertex 1 0 0\n', 'a.stl is damaged'),

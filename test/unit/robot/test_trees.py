@@ -85,7 +85,7 @@ def test_root_links_fixed_to_one(name: str, origin: tuple[float, ...], tmp_path:
     paths[0].write_text(ROOTS)
     command = [str(paths[0]), '-o', str(paths[1]), '--strict', '--inertial', 'zero']
     assert sdf_to_urdf(command) == 2
-    assert '--root: \'a\', \'b\', or fix all to one with sdf_to_urdf --world-link' in (
+    assert "--root: 'a', 'b', or fix all to one with sdf_to_urdf --world-link" in (
         capsys.readouterr().err)
     assert sdf_to_urdf([*command, '--world-link', name]) == 0, capsys.readouterr().err
     robots = [Kinematics(read_robot(str(path), Report())[0]) for path in paths]

@@ -19,6 +19,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from opencv_tools.robot.meshes import LFS_POINTER
 from opencv_tools.robot.view import mesh_files
 from opencv_tools.robot.view.mesh_files import MeshFile, MeshFiles, NoMeshError
 import pytest
@@ -120,6 +121,21 @@ def test_file_that_is_not_regular(package: Path) -> None:
     for name in ('pipe', 'folder', 'loop'):
         found = find(package, f'package://my_package/meshes/{name}.stl')
         assert found.reason == 'it is not a regular file', name
+
+
+@pytest.mark.parametrize('name', ['a.stl', 'b.obj', 'c.dae', 'd.glb', 'e.mtl', 'f.png'])
+def test_pointer_of_git_lfs(name: str, package: Path) -> None:
+    (package / 'meshes' / name).write_bytes(
+        LFS_POINTER + b'oid sha256:4d7a214614ab2935c943f9e0ff69d22eadbb8f32b1\nsize 12345\n')
+    (package / 'meshes' / 'a.obj').write_text('mtllib e.mtl\nmtllib g.mtl\n')
+    (package / 'meshes' / 'g.mtl').write_text('map_Kd f.png\n')
+    meshes = MeshFiles()
+    meshes.search(str(package / 'urdf' / 'robot.urdf'))
+    meshes.add(f'meshes/{name}')
+    meshes.add('meshes/a.obj')
+    found = {Path(file.uri).name: file.reason for file in meshes.files if 'LFS' in file.reason}
+    assert found == {name: 'it is a Git LFS pointer; run `git lfs pull`'}
+    assert package / 'meshes' / name in meshes.missing  # the page waits for its content
 
 
 @pytest.mark.parametrize('replaced', ['a.stl', ''])

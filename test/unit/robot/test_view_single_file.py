@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from base64 import b64decode
+import gzip
 import hashlib
 from html import unescape
 import json
@@ -24,7 +25,6 @@ from pathlib import Path
 import re
 
 from opencv_tools.robot.cli import robot_view
-from opencv_tools.robot.view import single_file
 from opencv_tools.robot.view.single_file import LIBRARY, MODULES, read_page
 import pytest
 
@@ -39,12 +39,17 @@ def document_of(page: str) -> dict:
         r'<script id="robot" type="application/json">(.*?)</script>', page, re.DOTALL)[1])
 
 
+def content_of(mesh: dict) -> bytes:
+    assert mesh['packed']
+    return gzip.decompress(b64decode(mesh['data']))
+
+
 def test_one_file_with_its_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / 'robot.html'
     assert robot_view([str(ROBOT), '--html', str(path)]) == 0
     page = path.read_text()
     mesh, = document_of(page)['meshes']
-    assert b64decode(mesh['data']) == MESH.read_bytes()
+    assert content_of(mesh) == MESH.read_bytes()
     assert capsys.readouterr().err.splitlines()[-1] == (
         f'{path}: {path.stat().st_size} bytes; files of meshes 1 of 1, {MESH.stat().st_size} '
         'bytes')
@@ -139,19 +144,27 @@ def test_files_that_are_served() -> None:
     assert set(read_page()) == {*MODULES, LIBRARY, 'index.html', 'view.css'}
 
 
-def test_content_of_meshes_in_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(single_file, '_CHUNK', 3)
-    data = [bytes(range(length)) for length in range(8)]
+def test_content_of_meshes(tmp_path: Path) -> None:
+    data = [b'v 0 0 0\n' * length for length in (0, 1, 7, 1000, 1_000_000)]
     for number, one in enumerate(data):
         (tmp_path / f'{number}.stl').write_bytes(one)
-    visuals = ''.join(f'<visual><geometry><mesh filename="{number}.stl"/></geometry></visual>'
-                      for number in range(9))
+    (tmp_path / 'a.obj').write_text('mtllib a.mtl\n')
+    (tmp_path / 'a.mtl').write_text('map_Kd a.png\n')
+    (tmp_path / 'a.png').write_bytes(b'picture')
+    visuals = ''.join(f'<visual><geometry><mesh filename="{name}"/></geometry></visual>'
+                      for name in (*(f'{number}.stl' for number in range(6)), 'a.obj'))
     (tmp_path / 'robot.urdf').write_text(
         f'<robot name="r"><link name="a">{visuals}</link></robot>')
     assert robot_view([str(tmp_path / 'robot.urdf'), '--html', str(tmp_path / 'a.html')]) == 0
-    *found, lost = document_of((tmp_path / 'a.html').read_text())['meshes']
-    assert [b64decode(mesh['data']) for mesh in found] == data
+    assert (tmp_path / 'a.html').stat().st_size < 1_000_000
+    *found, lost, picture, material, mesh = document_of((tmp_path / 'a.html').read_text())[
+        'meshes']
+    assert [content_of(mesh) for mesh in found] == data
     assert 'data' not in lost and lost['reason'].startswith('it is not found')
+    # A picture is compressed, and has an address of its own in the page.
+    assert (picture['packed'], b64decode(picture['data'])) == (False, b'picture')
+    assert content_of(material) == b'map_Kd a.png\n'
+    assert content_of(mesh) == b'mtllib a.mtl\n'
 
 
 def test_page_keeps_the_permissions_of_its_file(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ const COLORS = { visual: 0xa9b4c0, collision: 0xe08a1e, inertia: 0x8a5cd6, axis:
   urdf: 0x1c7ed6, sdf: 0x2b9348, different: 0xe03131, chosen: 0x977103 };
 const OPACITY = { collision: 0.4, inertia: 0.5 };
 const ARC_PARTS = 32; // straight parts of the arc of a range
+const LOADING_MS = 3000; // between two pictures while meshes are loaded
 const MAX_MARKS = 1000; // frames, axes and arrows of each kind
 export const PARTS = ['visuals', 'collisions', 'inertia', 'frames', 'axes'];
 
@@ -41,15 +42,27 @@ export class RobotView {
     this.different = new Set(different);
     this.materials = [];
     this.context = { meshes, onLoaded: () => {
-      this.waiting ??= setTimeout(() => { // once for all meshes that have come
-        this.waiting = undefined;
+      if (!this.size) return; // not complete yet
+      if (!meshes.waiting) clearTimeout(this.timer);
+      else if (this.timer) return;
+      this.timer = setTimeout(() => { // once for all meshes that have come
+        this.timer = undefined;
         this.rescale();
         onLoaded();
-      });
+      }, meshes.waiting && LOADING_MS);
     }, wire: this.material(COLORS.different, 1, THREE.LineBasicMaterial) };
-    this.links = robot.links.map((link, number) => this.createLink(link, number));
+    this.links = [];
+  }
+
+  /** Create all links, with pauses, and return the view. */
+  async build(rest) {
+    for (const [number, link] of this.robot.links.entries()) {
+      this.links.push(this.createLink(link, number));
+      await rest();
+    }
     this.rescale();
     this.update();
+    return this;
   }
 
   material(color, opacity = 1, Kind = THREE.MeshStandardMaterial, link = -1) {
@@ -95,29 +108,46 @@ export class RobotView {
     return view;
   }
 
-  /** Return the box around all shapes and frames of links. */
-  bounds() {
+  /** Return the corners of the parts that are shown, or else the places of the links. */
+  corners(parts) {
     this.links.forEach(({ group }, number) => group.matrix.copy(this.motion.links[number]));
     this.group.updateMatrixWorld(true);
-    const box = new THREE.Box3();
-    for (const { group, shapes } of this.links) {
-      // Planes have no end, and wrong moments of inertia make ellipsoids very large.
-      for (const shape of shapes) if (shape.userData.isSized) box.expandByObject(shape);
-      box.expandByPoint(new THREE.Vector3().setFromMatrixPosition(group.matrixWorld));
+    const corners = [];
+    // Planes have no end, and wrong moments of inertia make ellipsoids very large.
+    for (const shape of this.links.flatMap(({ shapes }) => shapes)) {
+      if (shape.userData.isSized && parts.has(shape.userData.part)) {
+        shape.traverse(({ geometry, matrixWorld }) => {
+          if (!geometry) return;
+          if (!geometry.boundingBox) geometry.computeBoundingBox();
+          const { min, max } = geometry.boundingBox;
+          for (let bits = 0; bits < 8; bits += 1) {
+            corners.push(new THREE.Vector3(bits & 1 ? min.x : max.x, bits & 2 ? min.y : max.y,
+              bits & 4 ? min.z : max.z).applyMatrix4(matrixWorld));
+          }
+        });
+      }
     }
-    return box;
+    for (const arrow of parts.has('axes') ? this.axes.flat() : []) {
+      corners.push(new THREE.Vector3(0, arrow.cone.position.y, 0).applyMatrix4(arrow.matrixWorld));
+    }
+    return parts.has('frames') || !corners.length ? corners.concat(this.links.map(
+      ({ group }) => new THREE.Vector3().setFromMatrixPosition(group.matrixWorld))) : corners;
   }
 
-  /** Return the box around all that has a place in the picture: `bounds` and the axes. */
-  boundsWithAxes() {
-    const box = this.bounds();
-    for (const arrow of this.axes.flat()) box.expandByObject(arrow);
-    return box;
+  /** Return the middle of the shapes of a link that are shown, or else its place. */
+  middle(number) {
+    const { group, shapes } = this.links[number];
+    const box = new THREE.Box3();
+    for (const shape of shapes) if (shape.visible && shape.userData.isSized) box.expandByObject(shape);
+    return box.isEmpty() ? new THREE.Vector3().setFromMatrixPosition(group.matrixWorld)
+      : box.getCenter(new THREE.Vector3());
   }
 
   /** Create the marks again if the size of the robot has changed, as when a mesh has come. */
   rescale() {
-    const size = Math.max(this.bounds().getSize(new THREE.Vector3()).length(), 0.02);
+    const box = new THREE.Box3().setFromPoints(
+      this.corners(new Set(['visuals', 'collisions', 'frames'])));
+    const size = Math.max(box.getSize(new THREE.Vector3()).length(), 0.02);
     if (this.size && Math.abs(size - this.size) < 0.1 * this.size) return;
     this.size = size;
     for (const object of this.marks ?? []) object.removeFromParent();
@@ -217,7 +247,7 @@ export class RobotView {
   show(convention, shown) {
     for (const object of this.group.children) {
       const { part } = object.userData;
-      if (part) object.visible = part === convention || shown.has(part);
+      if (part) object.visible = shown.has(part === convention ? 'frames' : part);
     }
     for (const { shapes } of this.links) {
       for (const object of shapes) object.visible = shown.has(object.userData.part);

@@ -23,11 +23,37 @@ const MAX_PARTS = 2e4; // objects of a mesh
 const MAX_COUNT = 5e6; // polygons of a list
 const MAX_STRIDE = 16; // numbers of an element of a source: a matrix
 const MAX_ZEROS = 1e6; // elements that a file only counts
+// Work that others determine is measured.
+const SLICE_MS = 12; // without a pause
+const MAX_SECONDS = 60; // of work on all meshes
+const PICTURE = 1000; // pixels of a picture that a mesh fills
+const MAX_PAINTED = 3e8; // pixels of such a picture that are painted, also those below others
+const EDGE = 3; // pixels that a thin triangle paints in a row
+const CHECKED = 30000; // corners in one piece
+const PACKED_CHARS = 1 << 20; // of base64 in one piece: groups of four
+const MAX_ALONE = 100; // words of a text of STL without an end
 const GLB = 0x46546c67;
 const JSON_CHUNK = 0x4e4f534a;
 
 /** Why a mesh is not shown, as a sentence of the page. */
 class MeshError extends Error {}
+
+/**
+ * Return a function that pauses after a slice of work, so that the page answers.
+ * @returns {() => Promise<void>}
+ */
+export function pauses() {
+  let begin = performance.now();
+  return async () => {
+    if (performance.now() - begin < SLICE_MS) return;
+    await new Promise((resolve) => {
+      const { port1, port2 } = new MessageChannel(); // a timer waits longer
+      port1.onmessage = resolve;
+      port2.postMessage(0);
+    });
+    begin = performance.now();
+  };
+}
 
 function checkParts(parts) {
   if (!(parts <= MAX_PARTS)) throw new MeshError(`it has more than ${MAX_PARTS} parts`);
@@ -89,9 +115,21 @@ function checkGltf(bytes) {
   }
 }
 
+/** Check a text of STL: the loader searches the end of each word anew, up to that of the file. */
+function checkStl(text) {
+  const open = new Set();
+  let alone = 0;
+  for (const [, end, word] of text.matchAll(/(end)?(solid|facet)/g)) {
+    alone += Number(open.has(word) === !end);
+    if (alone > MAX_ALONE) throw new MeshError('it is damaged: it has beginnings without an end');
+    if (end) open.delete(word);
+    else open.add(word);
+  }
+}
+
 /** Check a Wavefront file: each object, group and material is a part. */
 function checkObj(text) {
-  checkParts(text.match(/^\s*(?:o|g|usemtl)\s/gm)?.length ?? 0);
+  checkParts(text.match(/^[ \t]*(?:o|g|usemtl)\s/gm)?.length ?? 0);
 }
 
 /** Loads each mesh once, and no other file than those that belong to it. */
@@ -99,19 +137,33 @@ export class Meshes {
   constructor(list) {
     this.list = list;
     this.loaded = new Map();
-    this.triangles = 0;
-    this.pixels = 0;
+    this.triangles = this.pixels = this.seconds = 0;
+    this.waiting = 0; // meshes that are not loaded yet
+    this.last = Promise.resolve();
+    this.rest = pauses();
   }
 
   /** Return a promise of an object for a mesh; it is rejected with the reason. */
   load(number) {
-    if (!this.loaded.has(number)) this.loaded.set(number, this.read(number));
+    if (!this.loaded.has(number)) {
+      const found = this.last.then(() => this.read(number));
+      const settle = () => {
+        this.waiting -= 1;
+        return this.rest();
+      };
+      this.waiting += 1;
+      this.last = found.then(settle, settle);
+      this.loaded.set(number, found);
+    }
     return this.loaded.get(number);
   }
 
   async read(number) {
     const mesh = this.list[number];
     if (mesh.reason) throw new MeshError(mesh.reason);
+    if (this.seconds > MAX_SECONDS) {
+      throw new MeshError(`the meshes before it take more than ${MAX_SECONDS} seconds`);
+    }
     const manager = new THREE.LoadingManager();
     const textures = new Map(); // numbers by address
     manager.setURLModifier((url) => {
@@ -128,7 +180,10 @@ export class Meshes {
       manager.onLoad = resolve;
     });
     manager.itemStart(mesh.uri);
-    const object = await this.parse(mesh, await this.bytes(number), manager);
+    const bytes = await this.bytes(number);
+    const begin = performance.now();
+    const object = await this.parse(mesh, bytes, manager);
+    this.seconds += (performance.now() - begin) / 1000;
     manager.itemEnd(mesh.uri);
     await loaded;
     let triangles = 0;
@@ -149,9 +204,36 @@ export class Meshes {
         throw new MeshError('it has points without place');
       }
     }
+    if (!(await this.painted(object) <= MAX_PAINTED)) {
+      throw new MeshError('its triangles are too many for their size: they would be painted over '
+        + 'each other for a long time');
+    }
     this.triangles += triangles;
     for (const material of materials) await this.checkTextures(mesh, material, textures);
     return object;
+  }
+
+  /** Return how many pixels a picture that an object fills has painted, with those of edges. */
+  async painted(object) {
+    const box = new THREE.Box3().setFromObject(object);
+    const scale = PICTURE / box.getSize(new THREE.Vector3()).length();
+    const parts = [];
+    object.traverse((part) => part.geometry && parts.push(part));
+    const [a, b, c] = [0, 1, 2].map(() => new THREE.Vector3());
+    let pixels = 0;
+    for (const { geometry: { index, attributes: { position } }, matrixWorld, ...part } of parts) {
+      const length = scale * Math.cbrt(Math.abs(matrixWorld.determinant()));
+      for (let at = 0; at + 2 < (index ?? position).count; at += 3) {
+        [a, b, c].forEach((corner, number) => corner.fromBufferAttribute(
+          position, index ? index.getX(at + number) : at + number));
+        b.sub(a).multiplyScalar(length);
+        c.sub(a).multiplyScalar(length);
+        pixels += (EDGE * (b.length() + c.length()) + a.crossVectors(b, c).length() / 2)
+          * (part.isInstancedMesh ? part.count : 1);
+        if (at % CHECKED === 0) await this.rest();
+      }
+    }
+    return pixels;
   }
 
   /** Remove the textures that are not there, and those above the limit of all. */
@@ -188,8 +270,23 @@ export class Meshes {
   }
 
   async bytes(number) {
-    const { data } = this.list[number];
-    if (data !== undefined) return Uint8Array.from(atob(data), (one) => one.charCodeAt(0)).buffer;
+    const { data, packed } = this.list[number];
+    if (data !== undefined) {
+      const bytes = [];
+      for (let at = 0; at < data.length; at += PACKED_CHARS) {
+        bytes.push(Uint8Array.from(atob(data.slice(at, at + PACKED_CHARS)),
+          (one) => one.charCodeAt(0)));
+        await this.rest();
+      }
+      const content = new Blob(bytes);
+      if (!packed) return content.arrayBuffer();
+      if (!window.DecompressionStream) {
+        throw new MeshError('this browser does not unpack it (no DecompressionStream); use a '
+          + 'newer browser');
+      }
+      return new Response(content.stream().pipeThrough(
+        new DecompressionStream('gzip'))).arrayBuffer();
+    }
     const answer = await fetch(this.address(number));
     if (!answer.ok) throw new MeshError('it cannot be read');
     return answer.arrayBuffer();
@@ -202,6 +299,7 @@ export class Meshes {
       if (count * 50 > bytes.byteLength && !text().slice(0, 512).includes('solid')) {
         throw new MeshError('it is damaged');
       }
+      if (bytes.byteLength !== 84 + count * 50) checkStl(text());
       return new THREE.Mesh(new THREE.STLLoader().parse(bytes));
     }
     if (kind === 'obj') {
@@ -283,6 +381,7 @@ export function fillShape(group, { geometry }, { material, adopt, wire, meshes, 
   } else if (geometry.kind !== 'mesh') {
     group.add(bodyOf(geometry, material));
   } else {
+    const mesh = meshes.list[geometry.mesh];
     meshes.load(geometry.mesh).then((object) => {
       const copy = object.clone();
       copy.traverse((part) => {
@@ -293,7 +392,6 @@ export function fillShape(group, { geometry }, { material, adopt, wire, meshes, 
       scaled.scale.set(...geometry.scale);
       group.add(scaled);
     }).catch((err) => {
-      const mesh = meshes.list[geometry.mesh];
       mesh.reason ||= err instanceof MeshError ? err.message
         : `it is damaged (${err.message.slice(0, MAX_REASON)})`;
       group.add(wireBox(`${mesh.uri}: ${mesh.reason}`, wire));

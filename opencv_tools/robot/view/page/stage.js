@@ -14,17 +14,20 @@
 
 // The drawing: one camera, one or two views, names. It draws only after a change.
 
-const MAX_NAMES = 200; // in one view
+export const MAX_NAMES = 200; // in one view
+const GAP = 5; // pixels between a point and its name
+const FILLED = 0.94; // part of a view that the robot has
+const LONG_MS = 50; // a picture that takes longer is followed by a pause of the same length
+const REST = 4; // the search for the link below the pointer has a fifth of the time at most
 const MOVED_PIXELS = 5; // a click with less movement chooses a link
 const KEPT_MS = 10000; // the browser has read the file by then
 
 export class Stage {
-  constructor(box, { names, onChoose, beforeView }) {
+  constructor(box, listener) {
     this.box = box;
-    this.names = names;
-    this.onChoose = onChoose;
-    this.beforeView = beforeView;
-    this.draws = 0;
+    this.listener = listener;
+    this.names = listener.names;
+    this.draws = this.cost = this.searchMs = 0;
     this.views = ['urdf'];
     this.wanted = false;
     this.scene = new THREE.Scene();
@@ -51,7 +54,16 @@ export class Stage {
     });
     canvas.addEventListener('pointerup', (event) => {
       const distance = Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
-      if (distance < MOVED_PIXELS) this.choose(event);
+      const found = distance < MOVED_PIXELS && this.pick(event);
+      if (found) listener.onChoose(found);
+    });
+    canvas.addEventListener('pointermove', ({ offsetX, offsetY, buttons }) => {
+      this.pointer = buttons ? undefined : { offsetX, offsetY };
+      this.searching ??= setTimeout(() => this.search(), this.searchMs * REST);
+    });
+    canvas.addEventListener('pointerleave', () => {
+      this.pointer = undefined;
+      listener.onPoint();
     });
     new ResizeObserver(() => this.resize()).observe(box);
     matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => this.request());
@@ -61,13 +73,16 @@ export class Stage {
   resize() {
     this.renderer.setSize(this.box.clientWidth, this.box.clientHeight);
     this.request();
+    this.listener.onResize();
   }
 
   /** Draw once before the next picture of the screen. */
   request() {
     if (this.wanted) return;
     this.wanted = true;
-    requestAnimationFrame(() => this.draw());
+    const draw = () => requestAnimationFrame(() => this.draw());
+    if (this.cost < LONG_MS) draw();
+    else setTimeout(draw, this.cost); // the page answers meanwhile
   }
 
   /** Return the views with their rectangles in pixels. */
@@ -84,6 +99,7 @@ export class Stage {
   }
 
   draw() {
+    const begin = performance.now();
     this.wanted = false;
     this.draws += 1;
     const { renderer, camera, scene } = this;
@@ -97,37 +113,63 @@ export class Stage {
       renderer.setScissor(one.left, bottom, one.width, one.height);
       camera.aspect = one.width / Math.max(one.height, 1);
       camera.updateProjectionMatrix();
-      labels.push(...this.beforeView(one.view).slice(0, MAX_NAMES).map(
+      labels.push(...this.listener.beforeView(one.view).slice(0, MAX_NAMES).map(
         (label) => this.place(label, one)));
       renderer.render(scene, camera);
     }
     this.showNames(labels.filter(Boolean));
+    this.cost = performance.now() - begin;
   }
 
-  /** Return where a name stands on the page; nothing if the camera does not see it. */
-  place({ text, point }, { left, top, width, height }) {
+  /** Return the point of a name on the page; nothing if the camera does not see it. */
+  place({ text, point }, view) {
     const seen = point.clone().project(this.camera);
     if (Math.abs(seen.x) > 1 || Math.abs(seen.y) > 1 || Math.abs(seen.z) > 1) return undefined;
-    return { text, x: left + (seen.x + 1) / 2 * width, y: top + (1 - seen.y) / 2 * height };
+    return { text, view, x: view.left + (seen.x + 1) / 2 * view.width,
+      y: view.top + (1 - seen.y) / 2 * view.height };
   }
 
+  /** Show names beside their points, the first ones first; no name is over another one. */
   showNames(labels) {
     while (this.names.childElementCount > labels.length) this.names.lastChild.remove();
     while (this.names.childElementCount < labels.length) {
       this.names.append(document.createElement('span'));
     }
-    labels.forEach(({ text, x, y }, number) => {
-      const element = this.names.children[number];
-      if (element.textContent !== text) element.textContent = text;
-      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+    const elements = [...this.names.children];
+    labels.forEach(({ text }, number) => {
+      if (elements[number].textContent !== text) elements[number].textContent = text;
+    });
+    const taken = (labels.length ? [...this.box.querySelectorAll('.caption')] : []).map(
+      (one) => [one.offsetLeft, one.offsetTop, one.offsetWidth, one.offsetHeight]);
+    const isFree = ([left, top, width, height]) => taken.every(([x, y, w, h]) => (
+      left >= x + w || x >= left + width || top >= y + h || y >= top + height));
+    labels.forEach(({ x, y, view }, number) => {
+      const { style, offsetWidth: width, offsetHeight: height } = elements[number];
+      const found = [y + GAP, y - GAP - height].flatMap((top) => (
+        [x + GAP, x - GAP - width].map((left) => [left, top, width, height]))).find((one) => (
+        one[0] >= view.left && one[0] + width <= view.left + view.width
+        && one[1] >= view.top && one[1] + height <= view.top + view.height && isFree(one)));
+      style.visibility = found ? 'visible' : 'hidden';
+      if (!found) return;
+      taken.push(found);
+      style.transform = `translate(${found[0].toFixed(1)}px, ${found[1].toFixed(1)}px)`;
     });
   }
 
-  choose({ offsetX, offsetY }) {
+  /** Search the link below the pointer. */
+  search() {
+    const begin = performance.now();
+    this.listener.onPoint(this.pointer && this.pick(this.pointer));
+    this.searching = undefined;
+    this.searchMs = performance.now() - begin;
+  }
+
+  /** Return the link at a place of the picture, and its robot; nothing if there is none. */
+  pick({ offsetX, offsetY }) {
     const one = this.rectangles().find(({ left, top, width, height }) => (
       offsetX >= left && offsetX < left + width && offsetY >= top && offsetY < top + height));
-    if (!one) return;
-    this.beforeView(one.view);
+    if (!one) return undefined;
+    this.listener.beforeView(one.view);
     this.camera.aspect = one.width / one.height;
     this.camera.updateProjectionMatrix();
     const ray = new THREE.Raycaster();
@@ -140,24 +182,37 @@ export class Stage {
         isShown &&= owner.visible;
         owner = owner.parent;
       }
-      if (owner && isShown && owner.visible && owner.parent.parent.visible) {
-        this.onChoose(owner.userData);
-        return;
-      }
+      if (owner && isShown && owner.visible && owner.parent.parent.visible) return owner.userData;
     }
+    return undefined;
   }
 
-  /** Look at a box from the front, the left and above. */
-  fit(box) {
-    const center = box.getCenter(new THREE.Vector3());
-    const size = Math.max(box.getSize(new THREE.Vector3()).length(), 0.02);
+  /** Look at points from the front, the left and above, so near that they fill a view. */
+  fit(points) {
     const { camera, controls } = this;
-    const narrow = Math.min(...this.rectangles().map(({ width, height }) => width / height), 1);
-    const distance = size * 0.56 / Math.tan(camera.fov * Math.PI / 360) / Math.max(narrow, 0.2);
-    camera.position.set(1, -1, 0.6).normalize().multiplyScalar(distance).add(center);
+    const [{ width, height }] = this.rectangles();
+    const back = new THREE.Vector3(1, -1, 0.6).normalize();
+    const right = new THREE.Vector3(1, 1, 0).normalize();
+    const top = back.clone().cross(right);
+    const tangent = FILLED * Math.tan(camera.fov * Math.PI / 360);
+    const most = (value) => points.reduce((found, one) => Math.max(found, value(one)), -Infinity);
+    // Each side of the view is a plane that the points are inside of.
+    const sides = [[right, tangent * Math.max(width / Math.max(height, 1), 0.1)], [top, tangent]].map(
+      ([axis, slope]) => [axis, ...[1, -1].map(
+        (sign) => most((point) => sign * point.dot(axis) + slope * point.dot(back))), slope]);
+    const middle = (most((one) => one.dot(back)) - most((one) => -one.dot(back))) / 2;
+    const distance = Math.max(0.03, ...sides.map(
+      ([, one, other, slope]) => (one + other) / 2 / slope - middle));
+    controls.target.copy(back).multiplyScalar(middle);
+    for (const [axis, one, other] of sides) {
+      const place = (one - other) / 2;
+      const seen = (sign) => most((point) => (
+        sign * (point.dot(axis) - place) / (distance + middle - point.dot(back))));
+      controls.target.addScaledVector(axis, place + (seen(1) - seen(-1)) / 2 * distance);
+    }
+    camera.position.copy(controls.target).addScaledVector(back, distance);
     camera.near = distance / 1000;
     camera.far = distance * 100;
-    controls.target.copy(center);
     controls.update();
     this.isMoved = false;
     this.request();

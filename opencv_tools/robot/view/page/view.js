@@ -15,8 +15,8 @@
 // The page: one or two robots, the choice of the convention, and the reload after a change.
 import { Live } from './live.js';
 import { PARTS, RobotView } from './robot.js';
-import { Meshes } from './shapes.js';
-import { Stage } from './stage.js';
+import { Meshes, pauses } from './shapes.js';
+import { MAX_NAMES, Stage } from './stage.js';
 import {
   byId, fillDifferences, fillNumbers, fillSliders, fillTree, showFile,
 } from './panel.js';
@@ -26,6 +26,7 @@ const embedded = byId('robot');
 /** @type {any} */
 let page; // what is shown: the document, the views of the robots, and what updates the panel
 let chosen = { robot: 0, link: 0 };
+let pointed; // the link below the pointer, and its robot
 let stage;
 let live; // in img_viewer
 
@@ -35,8 +36,7 @@ const shown = () => new Set(PARTS.filter((name) => byId(`show-${name}`).checked)
 const find = (selector) => document.querySelector(selector);
 const view = () => find('input[name=view]:checked').value;
 
-const fit = () => page && stage?.fit(page.views.reduce(
-  (box, one) => box.union(one.boundsWithAxes()), new THREE.Box3()));
+const fit = () => page && stage?.fit(page.views.flatMap((one) => one.corners(shown())));
 
 /** Draw again; the camera shows the whole robot until somebody moves the camera. */
 function adjust() {
@@ -46,6 +46,7 @@ function adjust() {
 
 /** Show a mesh that has come, or the reason why it is not shown. */
 function showMesh() {
+  if (!page) return; // another robot is not complete yet
   showChosen();
   fade();
   adjust();
@@ -57,15 +58,28 @@ function beforeView(convention) {
   const labels = [];
   page?.views.forEach((one) => {
     one.show(convention, parts);
-    if (!parts.has('frames') || !byId('show-names').checked || !one.group.visible) return;
-    const kind = convention === 'urdf' ? 'joint' : 'link';
-    const add = (name) => one.robot[`${name}s`].forEach(({ name: text }, number) => labels.push({
-      text, point: new THREE.Vector3().setFromMatrixPosition(
-        one.motion[`${name}s`][number]) }));
-    add(kind);
-    add('frame');
+    if (!one.group.visible) return;
+    const add = (kind, number) => labels.push({ text: one.robot[`${kind}s`][number].name,
+      point: kind === 'link' && !parts.has('frames') ? one.middle(number)
+        : new THREE.Vector3().setFromMatrixPosition(one.motion[`${kind}s`][number]) });
+    const marked = [pointed, chosen.isTinted && chosen].filter((found) => found?.robot === one.number);
+    for (const link of new Set(marked.map((found) => found.link))) add('link', link);
+    if (!byId('show-names').checked) return;
+    const frames = [convention === 'urdf' ? 'joint' : 'link', 'frame'];
+    for (const kind of parts.has('frames') ? frames : ['link']) {
+      one.robot[`${kind}s`].slice(0, MAX_NAMES).forEach((_, number) => {
+        if (kind !== 'link' || !marked.some(({ link }) => link === number)) add(kind, number);
+      });
+    }
   });
   return labels;
+}
+
+/** Show the name of the link below the pointer. */
+function showPointed(found) {
+  if (found?.link === pointed?.link && found?.robot === pointed?.robot) return;
+  pointed = found;
+  stage.request();
 }
 
 function choose(link, robot = chosen.robot) {
@@ -128,7 +142,13 @@ const within = (position, limits) => position.slice(0, limits.length).map((value
   Math.max(limits[index][0] ?? -Infinity, Math.min(limits[index][1] ?? Infinity, value))));
 
 /** Show a document instead of the present one; the positions of joints are kept by name. */
-function show(found) {
+async function show(found) {
+  const meshes = new Meshes(found.meshes);
+  const rest = pauses();
+  const views = await Promise.all(found.robots.map((robot, number) => new RobotView(robot, {
+    number, meshes, onLoaded: showMesh,
+    different: found.differences.map(({ element, parts }) => (
+      `${element === 'inertial' ? 'link' : element}:${parts[number].join(':')}`)) }).build(rest)));
   const kept = new Map(page?.views[0].robot.joints.map(
     (joint, number) => [joint.name, page.views[0].motion.positions[number]]));
   const name = page?.views[chosen.robot].robot.links[chosen.link].name;
@@ -136,11 +156,11 @@ function show(found) {
     one.dispose();
     one.group.removeFromParent();
   });
-  const meshes = new Meshes(found.meshes);
-  const views = found.robots.map((robot, number) => new RobotView(robot, {
-    number, meshes, onLoaded: showMesh,
-    different: found.differences.map(({ element, parts }) => (
-      `${element === 'inertial' ? 'link' : element}:${parts[number].join(':')}`)) }));
+  if (!page) { // what a robot without visuals has
+    const hasShapes = (kind) => found.robots.some(({ links }) => links.some((one) => one[kind].length));
+    byId(`show-${['visuals', 'collisions'].find(hasShapes) ?? 'frames'}`).checked = true;
+  }
+  pointed = undefined;
   page = { document: found, views };
   for (const one of views) stage?.scene.add(one.group);
   document.title = found.robots.map((robot) => robot.name).join(', ');
@@ -196,7 +216,7 @@ async function follow() {
         const found = await answer.json();
         version = found.version;
         report(found.error ?? '');
-        if (found.robots) show(found);
+        if (found.robots) await show(found);
         if (found.live) {
           followLive(found);
           return;
@@ -237,7 +257,8 @@ const KEYS = { f: fit, s: save, 0: reset, 1: press('view-urdf'), 2: press('view-
 function start() {
   try {
     stage = new Stage(byId('stage'), { names: byId('names'), beforeView,
-      onChoose: ({ link, robot }) => choose(link, robot) });
+      onChoose: ({ link, robot }) => choose(link, robot), onPoint: showPointed,
+      onResize: () => stage?.isMoved || fit() });
   } catch {
     byId('stage').append('This browser has no WebGL, so it shows only the numbers.');
   }
@@ -249,8 +270,9 @@ function start() {
   byId('save').addEventListener('click', save);
   byId('zero').addEventListener('click', reset);
   byId('fade').addEventListener('input', fade);
-  byId('switches').addEventListener('change', () => {
+  byId('switches').addEventListener('change', ({ target }) => {
     if (!stage) return;
+    if (target.name === 'view') byId('show-frames').checked = true; // they are what differs
     stage.views = view() === 'both' ? ['urdf', 'sdf'] : [view()];
     document.body.dataset.view = view();
     adjust();
