@@ -141,6 +141,7 @@ export class Stage {
     });
     const taken = (labels.length ? [...this.box.querySelectorAll('.caption')] : []).map(
       (one) => [one.offsetLeft, one.offsetTop, one.offsetWidth, one.offsetHeight]);
+    /** @type {(place: number[]) => boolean} */
     const isFree = ([left, top, width, height]) => taken.every(([x, y, w, h]) => (
       left >= x + w || x >= left + width || top >= y + h || y >= top + height));
     labels.forEach(({ x, y, view }, number) => {
