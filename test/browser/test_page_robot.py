@@ -797,6 +797,14 @@ def test_robot_of_10000_links(browser: Browser, tmp_path: Path) -> None:
     # All spheres are one, and all boxes of wire; each joint has lines of its own.
     assert page.evaluate('robotView.stage.draw(), robotView.stage.renderer.info.memory.geometries'
                          ) < 2100
+    # The page answers while it builds the links.
+    assert page.evaluate("""(async () => {
+      let answers = 0;
+      const timer = setInterval(() => { answers += 1; });
+      await robotView.show(robotView.page.document);
+      clearInterval(timer);
+      return answers;
+    })()""") > 0
     page.evaluate('robotView.choose(50)')
     assert 'outside of the folder' in page.evaluate(
         "document.getElementById('numbers').innerText")
