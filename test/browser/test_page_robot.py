@@ -516,16 +516,6 @@ def test_position_within_a_smaller_limit(page: Page, tmp_path: Path) -> None:
             f'{position} m')
 
 
-def test_range_stays_in_the_parent_link(page: Page) -> None:
-    show(page, SHIPPED[0])
-    page.evaluate('robotView.move(0, 0, 0.25), robotView.move(1, 0, 0.5)')
-    arc, pointer, origin, joint = page.evaluate("""(({ limits, motion }) => [
-      ...limits[1].map(({ matrixWorld }) => matrixWorld), motion.origins[1], motion.joints[1],
-    ].map(({ elements }) => [...elements]))(robotView.page.views[0])""")
-    assert arc == pytest.approx(origin) and pointer == pytest.approx(joint)
-    assert arc != pytest.approx(pointer)
-
-
 def test_arrow_from_the_frame_of_a_pose(page: Page, tmp_path: Path) -> None:
     (tmp_path / 'robot.sdf').write_text(
         '<sdf version="1.10"><model name="m"><link name="a"><pose>5 0 0 0 0 0</pose></link>'
@@ -794,7 +784,7 @@ def test_robot_of_10000_links(browser: Browser, tmp_path: Path) -> None:
     assert page.evaluate("!document.getElementById('limits').hidden")
     assert page.evaluate("document.getElementById('tree').innerText").endswith('7000 more links')
     assert page.evaluate("document.getElementById('names').childElementCount") <= 200
-    # All spheres are one, and all boxes of wire; each joint has lines of its own.
+    # All spheres are one, and all boxes of wire.
     assert page.evaluate('robotView.stage.draw(), robotView.stage.renderer.info.memory.geometries'
                          ) < 2100
     # The page answers while it builds the links.

@@ -19,7 +19,6 @@ import { fillShape } from './shapes.js';
 const COLORS = { visual: 0xa9b4c0, collision: 0xe08a1e, inertia: 0x8a5cd6, axis: 0xd6336c,
   urdf: 0x1c7ed6, sdf: 0x2b9348, different: 0xe03131, chosen: 0x977103 };
 const OPACITY = { collision: 0.4, inertia: 0.5 };
-const ARC_PARTS = 32; // straight parts of the arc of a range
 const LOADING_MS = 3000; // between two pictures while meshes are loaded
 const MAX_MARKS = 1000; // frames, axes and arrows of each kind
 export const PARTS = ['visuals', 'collisions', 'inertia', 'frames', 'axes'];
@@ -188,11 +187,6 @@ export class RobotView {
     this.axes = first(robot.joints).map((joint, number) => joint.axes.slice(0, joint.drawn_axes).map(
       () => arrow('axes', this.different.has(`joint:${number}:-1`) ? COLORS.different
         : COLORS.axis, 0.02)));
-    const line = (points) => mark('axes', above(flat(new THREE.LineSegments(
-      new THREE.BufferGeometry().setFromPoints(points), lines))));
-    const lines = this.material(COLORS.axis, 1, THREE.LineBasicMaterial);
-    lines.depthTest = false;
-    this.limits = first(robot.joints).map((joint) => limitLines(joint, size * 0.06).map(line));
     this.arrows = { urdf: first(robot.joints).map((joint, number) => arrow('urdf',
       this.different.has(`joint:${number}:-1`) ? COLORS.different : COLORS.urdf, 0.03)),
     sdf: first(robot.links).map((link, number) => arrow('sdf',
@@ -210,11 +204,6 @@ export class RobotView {
     const at = (matrix) => new THREE.Vector3().setFromMatrixPosition(matrix);
     this.axes.forEach((arrows, number) => motion.axes(number).forEach((direction, index) => point(
       arrows[index], at(motion.joints[number]), direction.multiplyScalar(this.size * 0.15))));
-    // The range stays in the parent link; the second line shows the position in it.
-    this.limits.forEach(([range, pointer], number) => {
-      range?.matrix.copy(motion.origins[number]);
-      pointer?.matrix.copy(motion.joints[number]);
-    });
     this.arrows.urdf.forEach((object, number) => {
       const start = at(motion.links[robot.joints[number].parent]);
       point(object, start, at(motion.origins[number]).sub(start));
@@ -285,21 +274,6 @@ export class RobotView {
       material.dispose();
     }
   }
-}
-
-/** Return the points of lines that show the range of a joint, and the position in it. */
-function limitLines({ kind, limits, axes, drawn_axes: count, loop }, radius) {
-  const [lower, upper] = limits[0] ?? [null, null];
-  if (!count || loop || lower === null || upper === null) return [];
-  const axis = new THREE.Vector3(...axes[0]);
-  if (kind === 'prismatic') return [[lower, upper].map((end) => axis.clone().multiplyScalar(end))];
-  if (kind !== 'revolute') return [];
-  const center = new THREE.Vector3();
-  const side = new THREE.Vector3(...plane(axes[0])[0]).multiplyScalar(radius);
-  const arc = Array.from({ length: ARC_PARTS + 1 }, (_, part) => side.clone().applyAxisAngle(
-    axis, lower + (upper - lower) * part / ARC_PARTS));
-  return [[center, arc[0], ...arc.slice(1).flatMap((end, part) => [arc[part], end]), arc.at(-1),
-    center], [center, side.clone().multiplyScalar(1.4)]];
 }
 
 /** Place an arrow, and hide one without a length. */
