@@ -38,7 +38,7 @@ setup(
     version='0.3.0',
     packages=find_packages(exclude=['test']),
     package_data={package_name: ['py.typed', 'message_types/msg/*/*', 'nodes/help/*.txt',
-                                 'robot/*/elements.txt', 'robot/view/page/*',
+                                 'robot/*/*.txt', 'robot/view/page/*',
                                  'viewer/page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{package_name}']),

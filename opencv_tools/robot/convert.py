@@ -26,8 +26,9 @@ from opencv_tools.robot.physical import report_inertials, with_physical_inertial
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
+from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
-from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL
+from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, MODEL_PARTS
 from opencv_tools.robot.sdf.writer import write_sdf
 from opencv_tools.robot.trees import select_root, shortened, with_frame_links, with_world_link
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
@@ -132,6 +133,15 @@ def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOpt
     root = write_urdf(robot, report, version)
     keep_urdf_rules(root, robot.source, report, version)
     return root
+
+
+def with_model_parts(robot: Robot) -> Robot:
+    """Return a robot with the links, joints and frames that its ``<gazebo>`` adds to the model."""
+    if all(robot.extension.find_sdf(tag) is None for tag in MODEL_PARTS):
+        return robot
+    root = convert_to_sdf(robot, Report(), SdfOptions(
+        relative=True, inertial='keep', fixed='keep', mesh_uri='keep'))
+    return replace(with_original_names(read_sdf(root, Report())), source=robot.source)
 
 
 def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
+from opencv_tools.robot.convert import with_model_parts
 from opencv_tools.robot.model import Robot
 from opencv_tools.robot.sdf.includes import file_of_model
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -73,7 +74,7 @@ def read_element(root: Element, report: Report, options: LoadOptions = LoadOptio
     """
     tag = local_name(root)
     if tag == 'robot':
-        return read_urdf(root, report, root_link=options.root), 'urdf'
+        return with_model_parts(read_urdf(root, report, root_link=options.root)), 'urdf'
     if tag != 'sdf':
         raise DescriptionError('is not a robot description; URDF has the root element <robot>, '
                                'SDF <sdf>', root)

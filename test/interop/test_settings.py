@@ -167,14 +167,17 @@ CHILDREN: dict[str, tuple[str, ...]] = {
         '<allow_auto_disable>0</allow_auto_disable>', '<enable_wind>1</enable_wind>',
         '<gripper name="g"><palm_link>b</palm_link></gripper>',
         '<joint name="loop" type="ball"><parent>b</parent><child>a</child></joint>',
-        '<frame name="tip"><pose>0 0 7 0 0 0</pose></frame>'),
+        '<joint name="loop" type="revolute"><pose>0 0 0.3 0.1 0 0</pose><parent>b</parent>'
+        '<child>a</child><axis><xyz>0 1 0</xyz><limit><lower>-0.2</lower><upper>0.3</upper>'
+        '</limit></axis></joint>',
+        '<link name="c"><pose>4 5 6 0 0 0</pose><inertial><mass>7</mass></inertial></link>',
+        '<frame name="tip"><pose>0 0 7 0 0 0</pose></frame>',
+        '<frame name="tip" attached_to="b"><pose>0 0 8 0 0 0</pose></frame>'),
 }
 #: Children that are not converted, with the reason. Each has a warning.
 REASONS = {
     'a <odd>': 'libsdformat copies what SDF does not define; nothing reads it',
     'j <axis>': 'it repeats the axis of the joint, and the first one counts',
-    ' <joint>': 'URDF has no loops; our model of URDF would differ from that of SDF',
-    ' <frame>': 'as <joint>',
 }
 
 

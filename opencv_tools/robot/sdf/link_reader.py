@@ -21,7 +21,8 @@ from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Materi
 from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
 from opencv_tools.robot.sdf.context import SdfContext
 from opencv_tools.robot.sdf.values import (
-    color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of)
+    color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of,
+    with_gazebo_color)
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, local_name, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import number, numbers, vector
@@ -82,9 +83,10 @@ def _read_shape(element: TrackedElement, link: FrameId, context: SdfContext) -> 
     tag = local_name(element)
     material = element.find('material') if tag == 'visual' else None
     geometry, placement = _read_geometry(element, context), context.placement(element, link)
-    return Shape(name=required_name(element), placement=placement, geometry=geometry,
-                 material=None if material is None else _read_material(material, context),
-                 extension=_shape_extension(element, geometry, context), line=line_of(element))
+    return with_gazebo_color(Shape(
+        name=required_name(element), placement=placement, geometry=geometry,
+        material=None if material is None else _read_material(material, context),
+        extension=_shape_extension(element, geometry, context), line=line_of(element)))
 
 
 def _shape_extension(element: TrackedElement, geometry: Geometry | None, context: SdfContext

@@ -17,12 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 import math
+from pathlib import Path
 import re
 from typing import NamedTuple, TypeVar
 
 from lxml import etree
-from opencv_tools.robot.geometry import Color
+from opencv_tools.robot.geometry import BLACK, Color, Material
+from opencv_tools.robot.model import Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Tensor, Transform
 from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import (
@@ -62,6 +65,12 @@ DEFAULT_INERTIAL: tuple[float, Tensor] = (1.0, (1.0, 0.0, 0.0, 1.0, 0.0, 1.0))
 MATERIAL_COLORS = {
     'ambient': 'ambient', 'diffuse': 'color', 'specular': 'specular', 'emissive': 'emissive'}
 
+# The colours of the materials that Gazebo has by name: diffuse, and ambient if it differs.
+SCRIPT = 'file://media/materials/scripts/gazebo.material'
+_GAZEBO_COLORS = {f'Gazebo/{name}': values.split() for name, found, values in (
+    line.partition(': ') for line in Path(__file__).with_name('colors.txt').read_text(
+        encoding='utf-8').splitlines()) if found and name[:1] != '#'}
+
 # Elements of SDF that Gazebo copies from <gazebo> and <gazebo reference> into the model, the link
 # or the joint. The converter moves them between these places.
 GAZEBO: Mapping[str, frozenset[str]] = {
@@ -76,6 +85,8 @@ GAZEBO: Mapping[str, frozenset[str]] = {
         'gearbox_ratio', 'gearbox_reference_body', 'screw_thread_pitch', 'sensor',
         'thread_pitch'}),
 }
+# Parts of the model that Gazebo copies from <gazebo> too; they are read as those of the robot.
+MODEL_PARTS = ('frame', 'joint', 'link')
 # Tags in <gazebo reference="joint"> that preserve a fixed joint.
 PRESERVING_TAGS = ('preserveFixedJoint', 'disableFixedJointLumping')
 # Elements of a link that have a pose, by default in the frame of the link.
@@ -208,3 +219,18 @@ def color_of(element: AnyElement) -> Color:
     text = element.text or ''
     red, green, blue, *alpha = numbers(text, 3 if len(text.split()) == 3 else 4, element)
     return red, green, blue, alpha[0] if alpha else 1.0
+
+
+def with_gazebo_color(shape: Shape) -> Shape:
+    """Return a visual with the colours of its material of Gazebo, if it has none of its own."""
+    sdf, material = shape.extension.sdf, shape.material or Material()
+    words = [] if sdf is None else _GAZEBO_COLORS.get(
+        (sdf.findtext('material/script/name') or '').strip(), [])
+    if not words or material.color or material.texture:
+        return shape
+    red, green, blue, alpha, *ambient = map(float, words)
+    color = red, green, blue, alpha
+    return replace(shape, material=replace(
+        material, color=color, ambient=material.ambient or (
+            (ambient[0], ambient[1], ambient[2], ambient[3]) if ambient else color),
+        specular=material.specular or BLACK, emissive=material.emissive or BLACK))

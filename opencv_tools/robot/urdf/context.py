@@ -23,7 +23,7 @@ from lxml import etree
 from opencv_tools.robot.model import Extension, FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import GAZEBO, PRESERVING_TAGS
+from opencv_tools.robot.sdf.values import GAZEBO, MODEL_PARTS, PRESERVING_TAGS
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
@@ -106,7 +106,7 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
                 report.preserve(tag, owner.name, line_of(element),
                                 f'moved from <gazebo> into each {tag} of the {owner.kind}')
             return flaw or None
-        if tag in GAZEBO[owner.kind]:
+        if tag in GAZEBO[owner.kind] or (owner == MODEL and tag in MODEL_PARTS):
             copy = detached(element)
             copy.text = text if text in ('true', 'false') else copy.text
             flaw = fragment_flaw(copy)

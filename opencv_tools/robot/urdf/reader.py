@@ -36,7 +36,7 @@ from opencv_tools.robot.model import (
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import (
     AXES, axis_from_element, frame_from_element, mimic_of_urdf)
-from opencv_tools.robot.sdf.values import MODEL_FRAME
+from opencv_tools.robot.sdf.values import MODEL_FRAME, with_gazebo_color
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.context import read_context, UrdfContext
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
@@ -165,7 +165,8 @@ def read_link(element: TrackedElement, context: UrdfContext) -> Link:
     visuals, collisions = (shapes_of(element, tag, link_frame, context.materials, context.report)
                            for tag in ('visual', 'collision'))
     visuals, collisions = (
-        tuple(replace(shape, extension=context.gazebo.with_settings(shape.extension, tag, name))
+        tuple(with_gazebo_color(replace(
+            shape, extension=context.gazebo.with_settings(shape.extension, tag, name)))
               for shape in shapes)
         for tag, shapes in (('visual', visuals), ('collision', collisions)))
     return Link(

@@ -28,6 +28,7 @@ from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.model import Extension, FrameId, Joint, Link, Robot, Shape
 from opencv_tools.robot.sdf.fragments import fragment_flaw
+from opencv_tools.robot.sdf.values import SCRIPT
 from opencv_tools.robot.xml.document import detached, Element, PARTLY_READ
 from opencv_tools.robot.xml.passthrough import merge_unread
 from opencv_tools.robot.xml.report import Report
@@ -71,7 +72,6 @@ class Setting:
 
 
 _FRICTION, _CONTACT, _ODE = 'surface/friction/ode', 'surface/contact/ode', 'physics/ode'
-_SCRIPT = 'file://media/materials/scripts/gazebo.material'  # of the materials Gazebo/...
 SETTINGS = (
     Setting('material', 'visual', ('material/script/name',)),
     Setting('mu1', 'collision', (f'{_FRICTION}/mu',)),
@@ -117,7 +117,7 @@ def set_value(owner: Element, setting: Setting, text: str) -> bool:
         leaf = etree.SubElement(element, tag) if leaf is None else leaf
         leaf.text = text
         if element.tag == 'script' and element.find('uri') is None:
-            etree.SubElement(element, 'uri').text = _SCRIPT
+            etree.SubElement(element, 'uri').text = SCRIPT
     return former != text
 
 
@@ -217,7 +217,7 @@ def _leaves(owner: Element | None, setting: Setting) -> list[Element]:
     leaves = [leaf for leaf in found if leaf is not None and not leaf.attrib and not len(leaf)]
     if setting.owner == 'visual':  # other scripts are in other files
         leaves = [leaf for leaf in leaves if (parent := leaf.getparent()) is not None
-                  and parent.findtext('uri') == _SCRIPT]
+                  and parent.findtext('uri') == SCRIPT]
     is_one = len(leaves) == len(setting.paths) and len({leaf.text for leaf in leaves}) == 1
     return leaves if is_one else []
 
@@ -229,6 +229,6 @@ def _remove(element: Element) -> None:
         return
     parent.remove(element)
     if parent.tag == 'script':
-        parent[:] = [child for child in parent if child.text != _SCRIPT]
+        parent[:] = [child for child in parent if child.text != SCRIPT]
     if not len(parent) and not set(parent.attrib) - {PARTLY_READ}:
         _remove(parent)

@@ -197,7 +197,8 @@ def test_surfaces_and_materials_of_gazebo_without_all() -> None:
 
     plain = robot('')
     for block, what in (('<mu1>0.375</mu1>', ('collision', 'surface/friction/ode/mu')),
-                        ('<material>Gazebo/Gold</material>', ('visual', 'material/script/name'))):
-        found, = differences(plain, robot(block))
+                        ('<material>Gazebo/Wood</material>', ('visual', 'material/script/name')),
+                        ('<material>Gazebo/Gold</material>', ('visual', 'color'))):
+        found, *_ = differences(plain, robot(block))
         assert (found.element, found.property) == what
     assert differences(plain, robot('<turnGravityOff>1</turnGravityOff>')) == []
