@@ -17,8 +17,8 @@ Run the tests with other programs: python run.py [arguments of pytest].
 
 The programs are the parsers libsdformat and urdfdom, and FFmpeg. Missing ones are installed from
 Debian if apt-get is available and the user is root. Foxglove's reader of bags and schemas are
-installed for these tests if npm is available. Drake has the newest libsdformat and comes from PyPI
-into an environment of its own.
+installed for these tests if npm is available. Drake has the newest libsdformat. It comes from PyPI
+into an environment of its own, and so does the newest urdfdom.
 """
 
 from __future__ import annotations
@@ -40,8 +40,10 @@ TOOLS = {'ign': 'ignition-tools', 'check_urdf': 'liburdfdom-tools', 'g++': 'g++'
          'pkg-config': 'pkg-config', 'ffmpeg': 'ffmpeg'}
 LIBRARY_PACKAGE = 'libsdformat-dev'
 NODE_MODULES = ('@mcap/core@2.2.2', '@foxglove/schemas@2.1.0')
-DRAKE = 'drake==1.51.1'
-DRAKE_ENVIRONMENT = SOURCE.parents[2] / 'build' / 'drake'
+# Packages of PyPI in an environment of their own, with their variables and programs.
+JUDGES = {'drake==1.51.1': ('OPENCV_TOOLS_DRAKE', 'python'),
+          'cmeel-urdfdom==6.0.0': ('OPENCV_TOOLS_CHECK_URDF', 'check_urdf')}
+JUDGES_ENVIRONMENT = SOURCE.parents[2] / 'build' / 'judges'
 
 
 def missing() -> list[str]:
@@ -80,17 +82,19 @@ def install_node_modules(folder: Path) -> None:
         os.environ['OPENCV_TOOLS_NODE_MODULES'] = str(folder)
 
 
-def install_drake() -> None:
-    """Install Drake if PyPI has it for this machine, and keep it for the next run."""
-    python = str(DRAKE_ENVIRONMENT / 'bin' / 'python')
-    stamp = DRAKE_ENVIRONMENT / DRAKE
-    if not stamp.exists():
-        for command in ([sys.executable, '-m', 'venv', '--clear', str(DRAKE_ENVIRONMENT)],
-                        [python, '-m', 'pip', 'install', '--quiet', DRAKE]):
+def install_judges() -> None:
+    """Install what PyPI has for this machine, and keep it for the next run."""
+    folder = JUDGES_ENVIRONMENT / 'bin'
+    if not folder.exists():
+        subprocess.run([sys.executable, '-m', 'venv', str(JUDGES_ENVIRONMENT)], check=True)
+    for package, (variable, program) in JUDGES.items():
+        stamp = JUDGES_ENVIRONMENT / package
+        if not stamp.exists():
+            command = [str(folder / 'python'), '-m', 'pip', 'install', '--quiet', package]
             if subprocess.run(command, check=False).returncode:
-                return
-        stamp.touch()
-    os.environ['OPENCV_TOOLS_DRAKE'] = python
+                continue
+            stamp.touch()
+        os.environ[variable] = str(folder / program)
 
 
 class Figures:
@@ -128,7 +132,7 @@ def main() -> int:
         print(f'programs of the tests are missing: sudo apt install {" ".join(packages)}',
               file=sys.stderr)
         return 1
-    install_drake()
+    install_judges()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / 'poses'
         build(program)

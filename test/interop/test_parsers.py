@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+import itertools
 import json
 import math
 import os
@@ -36,7 +37,7 @@ from opencv_tools.robot.model import Axis, FrameId, Inertial, Link, MODEL, Place
 from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
 from opencv_tools.robot.renaming import with_valid_sdf_names
 from opencv_tools.robot.sdf.reader import read_sdf
-from opencv_tools.robot.xml.document import parse, to_bytes
+from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.numbers import UNLIMITED
 from opencv_tools.robot.xml.report import Report
 import pytest
@@ -84,6 +85,13 @@ MESSAGES_OF_URDFDOM: Mapping[str, str] = {
     'warning_undefined_material.urdf': r"material 'red' undefined",
 }
 NO_MESSAGE = r'\A\Z'
+# Files that a parser of URDF refuses, and this package reads without a warning.
+LIMITS_OF_URDFDOM_6: Mapping[str, str] = {
+    'ok_declaration_and_comments.urdf': 'XML_ERROR_PARSING_DECLARATION',
+}
+# Debian's urdfdom 3, and version 6 of PyPI, which is newer than that of any release of ROS.
+OLD, NEW = 'check_urdf', os.environ.get('OPENCV_TOOLS_CHECK_URDF', '')
+URDFDOMS = [OLD, *([NEW] if NEW else [])]
 # urdfdom before version 5, also that of ROS Jazzy, refuses the other versions of URDF.
 NEWER_URDF = "Invalid 'version' specified; only version 1.0 is currently supported"
 
@@ -238,9 +246,9 @@ def test_poses_without_an_axis(
 def test_tree_of_written_urdf(
         path: Path, written: Mapping[Path, Written],
         record_property: Callable[[str, object], None]) -> None:
-    for case in written[path].urdf:
-        finished = check_urdf(case.path)
-        if is_newer(case.path):
+    for case, program in itertools.product(written[path].urdf, URDFDOMS):
+        finished = check_urdf(case.path, program)
+        if is_newer(case.path) and program == OLD:
             assert path.suffix == '.urdf' and is_newer(path)
             assert NEWER_URDF in finished.stderr
             record_property('written URDF files of versions that urdfdom 3 refuses', 1)
@@ -250,6 +258,40 @@ def test_tree_of_written_urdf(
         assert tree(finished.stdout) == {
             joint.child: joint.parent for joint in case.robot.joints if not joint.is_loop}
         record_property('written URDF files that urdfdom parses to the same tree', 1)
+
+
+@pytest.mark.parametrize('path', [path for path in ROBOTS if path.suffix == '.urdf' and (
+    'xmlns:xacro' not in path.read_text())], ids=lambda path: path.name)
+def test_messages_about_read_urdf(
+        path: Path, record_property: Callable[[str, object], None]) -> None:
+    report = Report()
+    robot, _ = read_robot(str(path), report)
+    convert_to_sdf(robot, report)
+    for program in URDFDOMS:
+        finished = check_urdf(path, program)
+        if is_newer(path) and program == OLD:
+            assert NEWER_URDF in finished.stderr
+        elif path.name in LIMITS_OF_URDFDOM_6 and program == NEW:
+            assert LIMITS_OF_URDFDOM_6[path.name] in finished.stderr
+        elif finished.stderr or 'Successfully Parsed XML' not in finished.stdout:
+            assert report.warnings, finished.stderr
+        record_property('URDF files whose messages of urdfdom are warnings of ours', 1)
+
+
+@pytest.mark.parametrize('path', ROBOTS, ids=lambda path: path.name)
+def test_written_urdf_of_the_newest_version(path: Path, tmp_path: Path) -> None:
+    if not NEW:
+        pytest.skip('PyPI has no urdfdom for this machine')
+    robot, report = read_robot(str(path), Report())[0], Report()
+    file = tmp_path / 'robot.urdf'
+    try:
+        file.write_bytes(to_bytes(convert_to_urdf(robot, report, UrdfOptions(version='1.2'))))
+    except DescriptionError as err:
+        assert path.name == 'warning_lower_greater_than_upper.urdf' and 'refuses' in str(err)
+        return
+    finished = check_urdf(file, NEW)
+    assert 'Successfully Parsed XML' in finished.stdout, finished.stderr
+    assert re.search(MESSAGES_OF_URDFDOM.get(path.name, NO_MESSAGE), finished.stderr)
 
 
 @pytest.mark.parametrize('language', ['urdf', 'sdf'])
@@ -267,14 +309,34 @@ def test_random_robots(
             assert result['valid'] and messages(result) == [], (
                 result['messages'] + case.path.read_text())
             compare(case.robot, result)
-        for case in one.urdf:
-            text, finished = case.path.read_text(), check_urdf(case.path)
-            if is_newer(case.path):
+        for case, program in itertools.product(one.urdf, URDFDOMS):
+            text, finished = case.path.read_text(), check_urdf(case.path, program)
+            if is_newer(case.path) and program == OLD:
                 assert language == 'urdf' and NEWER_URDF in finished.stderr
                 continue
             assert 'Successfully Parsed XML' in finished.stdout, finished.stderr + text
             assert finished.stderr == '', text
     record_property('SDF files of random robots that libsdformat reads', len(results))
+
+
+@pytest.mark.parametrize('path', [
+    *SHIPPED[1:3], *sorted(DATA.glob('*/tutorial_*'))], ids=lambda path: path.name)
+def test_robot_of_the_tutorial_in_the_other_format(path: Path, tmp_path: Path) -> None:
+    robot, language = read_robot(str(path), Report())
+    sdf, urdf = tmp_path / 'robot.sdf', tmp_path / 'robot.urdf'
+    urdf.write_bytes(to_bytes(convert_to_urdf(robot, Report())))
+    sdf.write_bytes(to_bytes(convert_to_sdf(
+        robot if language == 'urdf' else read_robot(str(urdf), Report())[0], Report(),
+        SdfOptions(version='1.9'))))
+    printed = subprocess.run(['ign', 'sdf', '-p', str(sdf)], capture_output=True, text=True,
+                             timeout=LONGEST_SECONDS, check=True).stdout
+    model, tree_of_urdf = ElementTree.fromstring(printed), ElementTree.parse(urdf).getroot()
+    assert len(model.findall('.//link')) == len(tree_of_urdf.findall('link')) == 2
+    assert len(model.findall('.//joint')) == len(tree_of_urdf.findall('joint')) == 1
+    colors = [shape.material.color for link in robot.links for shape in link.visuals
+              if shape.material and shape.material.color]
+    assert colors and sorted(colors) == sorted(
+        tuple(map(float, (color.text or '').split())) for color in model.findall('.//diffuse'))
 
 
 def test_rejected_values(tmp_path: Path) -> None:
@@ -324,14 +386,13 @@ def test_command_and_library_agree(written: Mapping[Path, Written],
 
 def is_newer(path: Path) -> bool:
     """Return whether a file says another version of URDF than 1.0."""
-    return ElementTree.parse(path).getroot().get('version', '1.0') != '1.0'
+    return re.search(r'<robot[^>]*\sversion="(?!1\.0")', path.read_text()) is not None
 
 
-def check_urdf(path: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command of urdfdom."""
-    return subprocess.run(['check_urdf', str(path)], capture_output=True, text=True,
-                          timeout=LONGEST_SECONDS,
-                          check=False)
+def check_urdf(path: Path, program: str = OLD) -> subprocess.CompletedProcess[str]:
+    """Run the command of a urdfdom."""
+    return subprocess.run([program, str(path)], capture_output=True, text=True,
+                          timeout=LONGEST_SECONDS, check=False)
 
 
 def ign_check(path: Path) -> subprocess.CompletedProcess[str]:

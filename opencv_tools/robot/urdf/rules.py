@@ -25,7 +25,7 @@ import math
 import re
 
 from opencv_tools.robot.names import Names
-from opencv_tools.robot.urdf.versions import OLDEST, omit_newer, VERSIONS
+from opencv_tools.robot.urdf.versions import OLDEST, omit_newer, OPTIONAL_LIMITS, VERSIONS
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
@@ -53,12 +53,12 @@ def keep_urdf_rules(root: Element, source: str, report: Report, version: str) ->
     :raises DescriptionError: there is an error that cannot be corrected.
     """
     _restore_sdf(root)
-    _complete_limits(root)
+    _complete_limits(root, version)
     _complete_dynamics(root)
     _clamp_colors(root, report)
     _rename_materials(root, report)
     _correct_version(root, report, version)
-    _check_numbers(root, source)
+    _check_numbers(root, source, version)
 
 
 def _restore_sdf(root: Element) -> None:
@@ -69,11 +69,13 @@ def _restore_sdf(root: Element) -> None:
                 element.set('name', element.attrib.pop(URDF_NAME))
 
 
-def _complete_limits(root: Element) -> None:
+def _complete_limits(root: Element, version: str) -> None:
     """Write the effort and velocity of limits that have none; they mean no limit."""
     for limit in _joint_elements(root, 'limit'):
         for name in ('effort', 'velocity'):
-            if name not in limit.attrib:
+            # A negative number means no limit too, but URDF 1.2 refuses it.
+            if name not in limit.attrib or (
+                    version >= OPTIONAL_LIMITS and limit.get(name, '').strip()[:1] == '-'):
                 limit.set(name, number_text(UNLIMITED))
 
 
@@ -125,11 +127,15 @@ def _correct_version(root: Element, report: Report, version: str) -> None:
     omit_newer(root, version, report)
 
 
-def _check_numbers(root: Element, source: str) -> None:
+def _check_numbers(root: Element, source: str, version: str) -> None:
     """Refuse elements of joints that the parser cannot read; they come from a file of URDF."""
     for tag in _NUMBERS:
         for element in _joint_elements(root, tag):
             flaw, joint = _flaw(element, tag), element.getparent()
+            lower, upper = (element.get(name, '0') for name in ('lower', 'upper'))
+            if not flaw and version >= OPTIONAL_LIMITS and float(lower) > float(upper):
+                flaw = (f'lower={lower!r} is greater than upper={upper!r}, which URDF {version} '
+                        f'refuses; write --urdf-version {OLDEST}')
             if flaw and joint is not None:
                 raise DescriptionError(f'joint {joint.get("name")!r}: {flaw}', source=source,
                                        line=line_of(element), tag=tag)

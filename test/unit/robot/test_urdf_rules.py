@@ -21,6 +21,7 @@ import re
 from lxml import etree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, UrdfOptions
 from opencv_tools.robot.geometry import Capsule
+from opencv_tools.robot.model import Robot
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
@@ -28,6 +29,11 @@ from opencv_tools.robot.xml.report import Report
 import pytest
 from rows import each_row
 from urdf_models import BOX, joint, through_sdf
+
+
+def read_text(content: str) -> Robot:
+    text = f'<robot name="r">{content}</robot>'
+    return read_urdf(parse(text.encode(), 'r.urdf', Report()), Report())
 
 
 def test_complete_limits_of_fixed_joints() -> None:
@@ -124,3 +130,19 @@ def test_written_version_is_that_of_the_original(
     assert root.xpath('string(joint/limit/@acceleration)') == '4' * (own == written == '1.2')
     assert ['acceleration=' in note.message for note in report.warnings].count(True) == (
         own == '1.2' and written != '1.2')
+
+
+@pytest.mark.parametrize(('version', 'written'), [
+    ('1.0', ['-2', '3']), ('1.1', ['-2', '3']), ('1.2', ['1e+16', '3'])])
+def test_negative_effort_by_version(version: str, written: list[str]) -> None:
+    text = joint('<limit lower="0" upper="1" effort="-2" velocity="3"/>', 'revolute')
+    root = convert_to_urdf(read_text(text), Report(), UrdfOptions(version=version))
+    assert root.xpath('joint/limit/@effort | joint/limit/@velocity') == written
+
+
+def test_order_of_limits_by_version() -> None:
+    text = joint('<limit lower="2" upper="1" effort="1" velocity="3"/>', 'revolute')
+    robot = read_text(text)
+    convert_to_urdf(robot, Report(), UrdfOptions(version='1.1'))
+    with pytest.raises(DescriptionError, match=r"lower='2' is greater than upper='1'.*--urdf-v"):
+        convert_to_urdf(robot, Report(), UrdfOptions(version='1.2'))
