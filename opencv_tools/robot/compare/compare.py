@@ -20,6 +20,7 @@ Poses are compared in space, at zero and at random joint positions.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
@@ -27,15 +28,19 @@ import random
 import sys
 
 from opencv_tools.base.text import printable
+from opencv_tools.robot.compare.dynamics import ENERGY, whole_properties
 from opencv_tools.robot.compare.properties import format_pair, random_position
 from opencv_tools.robot.compare.side import Item, Key, Poses, shapes_of, Side
 from opencv_tools.robot.kinematics import with_mimics
-from opencv_tools.robot.model import Robot
+from opencv_tools.robot.model import MODEL, Robot
 from opencv_tools.robot.xml.document import DescriptionError
 
 _HEADING = ('element', 'name', 'property', 'a', 'b', 'difference')
 # The tolerance of these properties is always relative, because robots have very small values.
-_RELATIVE = ('mass', 'inertia')
+_RELATIVE = ('mass', 'inertia', ENERGY)
+# Positions at which the robots as a whole are compared, and how much more their sums may differ
+# than their numbers.
+_WHOLES, _SUMS = 4, 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +69,8 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
     """
     Return the differences between two robots, in the order of the first robot.
 
+    The last ones are of the robots as a whole, see `dynamics.whole_properties`.
+
     Links, joints and frames are matched by name. A name ``a::b`` of SDF matches ``a__b``, and a
     name that a conversion changed matches the original name. Visuals and collisions of a link are
     matched by name if all have unique names in both robots, else by their order. A frame that
@@ -88,17 +95,24 @@ def differences(a: Robot, b: Robot, *, samples: int = 20, tolerance: float = 1e-
             one, other = (_presence(side.get(key)) for side in items)
             result.append(_difference(key, 'presence', one, other))
     equal = [key for key in items[0] if key in items[1]]
-    generator = random.Random(seed)
+    generator, wholes = random.Random(seed), list[list[Poses]]()
     for sample in range(samples + 1):
         # At zero, mimic joints are not moved: formats place links without regard to mimics.
         positions = _positions(*sides, generator) if sample else ({}, {})
         poses = [side.poses(base, values) for side, values in zip(sides, positions)]
+        if sample < _WHOLES:
+            wholes.append(poses)
         name = 'pose at random positions' if sample else 'pose at zero'
         different = dict(_pose_differences(equal, name, items, poses, tolerance))
         for key, difference in different.items():
             found[key].append(difference)
         equal = [key for key in equal if key not in different]
-    return [difference for result in found.values() for difference in result]
+    velocities = defaultdict[str, list[float]](
+        lambda: [generator.uniform(-1, 1) for _ in range(6)])
+    whole, whole_b = (Item(MODEL, properties=whole_properties(side, places, velocities))
+                      for side, places in zip(sides, zip(*wholes)))
+    return [*(difference for result in found.values() for difference in result),
+            *_property_differences(('robot', ''), whole, whole_b, _SUMS * tolerance)]
 
 
 def table(found: Sequence[Difference], most: int | None = None) -> str:

@@ -151,10 +151,10 @@ class Side:
                 continue
             frame = FrameId('link', link.name)
             items['link', key] = Item(frame, IDENTITY, kept(link))
-            inertial = self._inertial(link)
+            inertial = self.inertial(link)
             if inertial:
                 # The axes of the moments are arbitrary, so the moments are rotated into the base.
-                offset = self._offset(link, inertial.placement)
+                offset = self.offset(link, inertial.placement)
                 rotation = (to_base @ self.kinematics.pose(frame) @ offset).rotation
                 items['inertial', key] = Item(frame, Transform(translation=offset.translation), {
                     'mass': (inertial.mass,),
@@ -164,7 +164,7 @@ class Side:
                          else (shape.name for shape in shapes))
                 for name, shape in zip(names, shapes):
                     items[element, f'{key}/{name}'] = Item(
-                        frame, self._offset(link, shape.placement),
+                        frame, self.offset(link, shape.placement),
                         {**geometry_properties(shape), **material_properties(shape.material),
                          **seen(shape)})
         for key, joint in self.joints.items():
@@ -189,13 +189,14 @@ class Side:
     def _base_frame(self, base: str) -> FrameId:
         return FrameId('link', self.links[base].name) if base else MODEL
 
-    def _inertial(self, link: Link) -> Inertial | None:
+    def inertial(self, link: Link) -> Inertial | None:
         """Return what a simulator takes: a default beside links with mass if there is none."""
         if link.inertial or link.name not in self._heavy:
             return link.inertial
         return Inertial(Placement(Pose(), FrameId('link', link.name)), *DEFAULT_INERTIAL)
 
-    def _offset(self, link: Link, placement: Placement) -> Transform:
+    def offset(self, link: Link, placement: Placement) -> Transform:
+        """Return a placement in a link."""
         return self.kinematics.within(FrameId('link', link.name), placement).transform()
 
     def _joint_properties(self, joint: Joint, to_base: Transform) -> Properties:

@@ -24,6 +24,7 @@ from typing import Any
 from compared_robots import absent, free, HALF, on, RED, shape, urdf, with_axis, with_joint
 from lxml import etree
 from opencv_tools.robot.compare.compare import Difference, differences, table
+from opencv_tools.robot.compare.dynamics import ENERGY
 from opencv_tools.robot.geometry import Box, Cylinder, Material, Mesh, Sphere
 from opencv_tools.robot.model import (
     Axis, Dynamics, Extension, FrameId, Inertial, Joint, Limit, Link, Mimic, MODEL, Placement,
@@ -33,6 +34,9 @@ from opencv_tools.robot.xml.document import DescriptionError
 import pytest
 import robots
 from rows import each_row
+
+#: Properties of a robot as a whole.
+WHOLE = [('robot', '', name) for name in ('mass', 'centre of mass at zero', ENERGY)]
 
 
 def sdf() -> Robot:
@@ -157,18 +161,19 @@ def test_moments_of_inertia_in_space() -> None:
     turned = Inertial(on('arm', Pose((0.0, 0.0, 0.5))), 2.0, (2.0, 0.0, 0.0, 1.0, 0.0, 3.0))
     assert diff(urdf(), with_link(sdf(), 'arm', inertial=turned)) == []
     off = replace(turned, inertia=(1.0, 0.0, 0.0, 2.0, 0.0, 3.0))
-    assert diff(urdf(), with_link(sdf(), 'arm', inertial=off)) == [('inertial', 'arm', 'inertia')]
+    assert diff(urdf(), with_link(sdf(), 'arm', inertial=off)) == [
+        ('inertial', 'arm', 'inertia'), WHOLE[2]]
     light = replace(turned, mass=1e-12, inertia=(1e-12, 0.0, 0.0, 1e-12, 0.0, 1e-12))
     lighter = replace(turned, mass=2e-12, inertia=(1e-12, 0.0, 0.0, 1e-12, 0.0, 2e-12))
     found = diff(*(with_link(urdf(), 'arm', inertial=one) for one in (light, lighter)))
-    assert [what for _, _, what in found] == ['mass', 'inertia']
+    assert [what for _, _, what in found] == ['mass', 'inertia', 'mass', ENERGY]
 
 
 def test_centre_and_presence_of_inertials() -> None:
     off = Inertial(on('arm', Pose((0.0, 0.1, 0.5))), 2.0, (2.0, 0.0, 0.0, 1.0, 0.0, 3.0))
     assert diff(urdf(), with_link(sdf(), 'arm', inertial=off)) == [
-        ('inertial', 'arm', 'pose at zero')]
-    one, = differences(urdf(), with_link(sdf(), 'arm', inertial=None))
+        ('inertial', 'arm', 'pose at zero'), *WHOLE[1:]]
+    one, *_ = differences(urdf(), with_link(sdf(), 'arm', inertial=None))
     assert one == replace(absent('inertial', 'arm'), a='2 kg')
 
 

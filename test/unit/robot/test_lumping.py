@@ -354,9 +354,11 @@ def test_random_robots_without_some_masses(seed: int) -> None:
 
 def test_difference_of_a_mass_that_only_sdf_has() -> None:
     robot = urdf(ARM)  # its tip moves and has no mass
-    found, = differences(robot, sdf_of(robot))
+    found, mass, *others = differences(robot, sdf_of(robot))
     assert (found.element, found.name, found.property, found.a, found.b) == (
         'inertial', 'tip', 'presence', 'no', '1 kg')
+    assert (mass.element, mass.property, mass.size) == ('robot', 'mass', 1.0)
+    assert {difference.element for difference in others} == {'robot'}
 
 
 def test_mass_of_a_link_of_sdf_without_an_inertial() -> None:
