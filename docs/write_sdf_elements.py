@@ -13,20 +13,22 @@
 # limitations under the License.
 
 """
-Write opencv_tools/robot/sdf/elements.txt: what SDF defines, by the tag around it.
+Write opencv_tools/robot/sdf/elements.txt, what SDF defines by the tag around it, and values.txt.
 
 Run it with a checkout of https://github.com/gazebosim/sdformat: ``python write_sdf_elements.py
-SDFORMAT``. All versions count together, because files of old versions are read too.
+SDFORMAT``. All versions count together, because files of old versions are read too. The values are
+those of SDF 1.9, which libsdformat 12 reads; newer versions accept what it accepts.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 import sys
 
 from lxml import etree
 
+KINDS = ('bool', 'color', 'double', 'pose', 'vector3')
 PAGE = Path(__file__).parents[1] / 'opencv_tools' / 'robot' / 'sdf' / 'elements.txt'
 
 
@@ -49,6 +51,46 @@ def collect(root: etree._Element, files: dict[str, etree._Element], table: dict[
             collect(found, files, table, seen)
 
 
+def write_values(folder: Path) -> None:
+    """Write the types and ranges of values, by tag, and by ends of paths with others."""
+    files = {path.name: etree.parse(path).getroot() for path in folder.glob('*.sdf')}
+    found: dict[tuple[str, ...], str] = {}
+
+    def walk(element: etree._Element, outer: tuple[str, ...], stack: tuple[str, ...]) -> None:
+        path = (element.get('name', ''), *outer)
+        limits = ' '.join(f'{key}={element.get(key)}' for key in ('min', 'max') if (
+            element.get(key) and element.get('type') == 'double'))
+        kind = {'int': 'double', 'unsigned int': 'double'}.get(
+            element.get('type', ''), element.get('type', ''))
+        found[path] = f'{kind} {limits}'.strip()
+        for child in element.iterchildren('element', 'include'):
+            name = child.get('filename', '')
+            if child.tag == 'include' and name not in stack and name in files:
+                walk(files[name], path, (*stack, name))
+            elif child.get('name'):
+                walk(child, path, stack)
+
+    for name in ('link.sdf', 'joint.sdf', 'gripper.sdf'):
+        walk(files[name], (), (name,))
+    for child in files['model.sdf'].iterchildren('element'):
+        if child.get('name'):
+            walk(child, ('model',), ())
+    ends: dict[str, str] = {}
+    for tag in {path[0] for path in found}:
+        counts = Counter(value for path, value in found.items() if path[0] == tag)
+        ends[tag] = max(counts, key=lambda value: (counts[value], value))
+    for path, value in found.items():
+        for length in range(2, len(path) + 1) if value != ends[path[0]] else ():
+            if len({other for one, other in found.items() if one[:length] == path[:length]}) == 1:
+                ends['/'.join(reversed(path[:length]))] = value
+                break
+    page = PAGE.with_name('values.txt')
+    head = [line for line in page.read_text(encoding='utf-8').splitlines() if line[:1] == '#']
+    lines = [f'{end}: {value}'.strip() for end, value in sorted(ends.items())
+             if value.partition(' ')[0] in KINDS or ends[end.rpartition('/')[2]] != value]
+    page.write_text('\n'.join([*head, *lines, '']), encoding='utf-8')
+
+
 def main(folder: Path) -> None:
     """Write the table of all versions from 1.2, of the elements that a model may contain."""
     table: dict[str, set[str]] = defaultdict(set)
@@ -66,6 +108,7 @@ def main(folder: Path) -> None:
     head = [line for line in PAGE.read_text(encoding='utf-8').splitlines() if line[:1] == '#']
     lines = [' '.join([f'{name}:', *sorted(table[name])]) for name in sorted(kept)]
     PAGE.write_text('\n'.join([*head, *lines, '']), encoding='utf-8')
+    write_values(folder / 'sdf' / '1.9')
 
 
 if __name__ == '__main__':

@@ -24,8 +24,8 @@ The tables follow libsdformat 12 and SDF 1.9. Newer versions accept what they ac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from itertools import islice
 import math
+from pathlib import Path
 import re
 from typing import TypeVar
 
@@ -92,46 +92,17 @@ _KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
                    '7 finite numbers'),
 }
 _COLORS = ('ambient', 'diffuse', 'specular', 'emissive', 'color_start', 'color_end')
-_TAGS: Mapping[str, str] = {
-    'double': 'accuracy angular bias_mean bias_stddev bounce c1 c2 c3 category_bitmask '
-              'coefficient collide_bitmask constant contact_max_correcting_vel '
-              'contact_surface_layer cutoff_angle cx cy damping dissipation duration '
-              'dynamic_bias_correlation_time dynamic_bias_stddev dynamic_friction effort '
-              'elastic_modulus falloff far far_clip fov friction friction2 fx fy gain '
-              'gearbox_ratio height horizontal_fov inner_angle intensity ixx ixy ixz iyy iyz '
-              'izz k1 k2 k3 kd kp laser_retro lifetime linear lower mass max max_angle '
-              'max_contacts max_vel max_velocity mean min min_angle min_contact_count min_depth '
-              'min_velocity mu mu2 near near_clip outer_angle p1 p2 patch_radius poissons_ratio '
-              'precision quadratic restitution_coefficient rolling_friction samples scale_rate '
-              'slip slip1 slip2 soft_cfm soft_erp spring_reference spring_stiffness '
-              'static_friction stddev stiffness surface_radius thread_pitch threshold '
-              'transparency update_rate upper velocity viscous_friction visibility_flags '
-              'visibility_mask voltage width',
-    'bool': 'allow_auto_disable always_on cast_shadows collide_without_contact double_sided '
-            'emitting enable_metrics enable_orientation enable_wind gravity kinematic lighting '
-            'must_be_base_link provide_feedback scale_to_hfov self_collide static '
-            'use_patch_radius visualize',
-    'vector3': 'direction fdir1 particle_size',
-    'color': ' '.join(_COLORS),
-    'pose': 'pose',
-}
+
+
+def _read_rule(kind: str, *limits: str) -> tuple[str, float, float]:
+    values = dict(limit.split('=') for limit in limits)
+    return kind, float(values.get('min', -math.inf)), float(values.get('max', math.inf))
+
+
 # The end of a path counts more than a tag, because some tags have several meanings.
-_KIND_OF = _ends({**{tag: kind for kind, tags in _TAGS.items() for tag in tags.split()},
-                  'texture/diffuse': ''})  # name of a file
-_ANY = (-math.inf, math.inf)
-_RANGES: _Ends[tuple[float, float]] = _ends({
-    'logical_camera/far': _ANY, 'logical_camera/horizontal_fov': _ANY,
-    'logical_camera/near': _ANY, 'camera/noise/stddev': _ANY, 'lidar/noise/stddev': _ANY,
-    'ray/noise/stddev': _ANY, 'bullet/friction': (0.0, math.inf),
-    'particle_emitter/rate': (0.0, math.inf),
-    'bias_stddev': (0.0, math.inf), 'coefficient': (0.0, math.inf),
-    'cutoff_angle': (0.0, 3.141592653), 'dynamic_bias_stddev': (0.0, math.inf),
-    'far': (0.1, math.inf), 'friction2': (0.0, math.inf), 'horizontal_fov': (0.1, 6.283186),
-    'max_velocity': (0.0, math.inf), 'min_velocity': (0.0, math.inf), 'mu': (0.0, math.inf),
-    'mu2': (0.0, math.inf), 'near': (0.0, math.inf), 'patch_radius': (0.0, math.inf),
-    'restitution_coefficient': (0.0, 1.0), 'scale_rate': (0.0, math.inf),
-    'stddev': (0.0, math.inf), 'surface_radius': (0.0, math.inf),
-})
+_RULES = _ends({end: _read_rule(*words.split() or ['']) for end, _, words in (
+    line.partition(':') for line in Path(__file__).with_name('values.txt').read_text(
+        encoding='utf-8').splitlines() if line[0] != '#')})
 _REQUIRED: Mapping[str, tuple[str, ...]] = {
     'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
     'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),
@@ -180,25 +151,17 @@ def find_flaw(element: Element) -> str:
 
 
 def _find_wrong_value(element: Element, text: str) -> str:
-    kind = _by_end(_KIND_OF, element) or ''
+    outer = [str(above.tag) for above in element.iterancestors()]
+    kind, low, high = next((rule for end, rule in _RULES.get(str(element.tag), ())
+                            if outer[:len(end)] == end), ('', 0.0, 0.0))
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
-    if kind and not _KINDS[kind][0](text):
+    if kind in _KINDS and not _KINDS[kind][0](text):
         return f'{text!r} is not {_KINDS[kind][1]}'
-    if element.tag in _RANGES:
-        low, high = _by_end(_RANGES, element) or _ANY
-        value = _read_number(text)
-        if value is not None and (value < low or value > high):
-            return f'{text!r} is outside of {low:g} to {high:g}'
+    value = _read_number(text) if kind == 'double' else None
+    if value is not None and (value < low or value > high):
+        return f'{text!r} is outside of {low:g} to {high:g}'
     return ''
-
-
-def _by_end(table: _Ends[_Value], element: Element) -> _Value | None:
-    """Return the value of the longest end of an element's path; None if the table has none."""
-    return next((
-        value for outer, value in table.get(str(element.tag), ())
-        if outer == [str(above.tag) for above in islice(element.iterancestors(), len(outer))]),
-        None)
 
 
 def keep_sdf_rules(root: Element, source: str, report: Report) -> None:

@@ -182,7 +182,8 @@ TEXTS = {
         **dict.fromkeys((
             'allow_auto_disable', 'always_on', 'cast_shadows', 'double_sided', 'emitting',
             'enable_metrics', 'enable_wind', 'gravity', 'kinematic', 'lighting',
-            'must_be_base_link', 'provide_feedback', 'self_collide', 'static', 'visualize'),
+            'must_be_base_link', 'provide_feedback', 'self_collide', 'static',
+            'use_terrain_paging', 'visualize'),
             'true'),
     },
 }

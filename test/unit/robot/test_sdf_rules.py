@@ -281,8 +281,7 @@ def test_pose_by_its_rotation_format(attribute: str, counts: list[int], expected
     ('<mu>nan</mu>', ''),
     ('<restitution_coefficient>1_9</restitution_coefficient>', ''),  # the text after 1 is ignored
     ('<mu>-0x1</mu>', "'-0x1' is outside of 0 to inf"),
-    ('<rate>-1</rate>', ''),
-    ('<light name="l" type="point"><rate>-1</rate></light>', ''),
+    ('<rate>-1</rate>', "'-1' is outside of 0 to inf"),
     ('<lidar><x><noise><stddev>-1</stddev></noise></x></lidar>', "'-1' is outside of 0 to inf"),
     ('<x><ray><noise><stddev>-1</stddev></noise></ray></x>', ''),
     ('<logical_camera><horizontal_fov>7</horizontal_fov></logical_camera>', ''),
