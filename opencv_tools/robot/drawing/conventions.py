@@ -26,8 +26,8 @@ from typing import Any
 
 from opencv_tools.base.remedies import installation
 from opencv_tools.robot.drawing.primitives import (
-    AXIS_COLORS, bezier_curve, GREY, hull, PALE, placed_shapes, plain, Point, pose_text, scaled,
-    SHAPE_COLORS, TEXT_COLOR, transformed, UNITS)
+    AXIS_COLORS, GREY, PALE, placed_lines, plain, Point, pose_text, SHAPE_COLORS, TEXT_COLOR,
+    UNITS)
 from opencv_tools.robot.frames.listing import depth_first, Listing
 from opencv_tools.robot.frames.text import heading, joint_text, link_text
 from opencv_tools.robot.kinematics import Kinematics
@@ -38,19 +38,19 @@ from opencv_tools.robot.xml.output import write_all
 
 DPI = 120
 _SUFFIXES = ('.png', '.svg')
-_LINE_GAP, _ENTRY_GAP = 0.03, 0.08  # inches, in a column
 # Settings of the user are ignored, so that each robot has one picture. SVG keeps text as text.
 _SETTINGS = {'svg.hashsalt': 'opencv_tools', 'svg.fonttype': 'none', 'font.size': 9.0,
              'font.family': ['DejaVu Sans']}
 _FEW_LINKS = 8  # robots with more links have entries on both sides
 _MAX_ENTRIES = 60
 _MAX_ARROWS = 300  # further arrows are drawn as lines, which is faster
-# Inches: maximum width and minimum height of the drawing, and distances.
+# Inches: maximum width and minimum height of the drawing, distances, and heights of a title, of a
+# line of numbers and of the gap below them.
 _WIDTH, _HEIGHT = 3.2, 4.2
 _GAP, _MARGIN, _HEAD, _TITLE = 0.3, 0.25, 0.65, 0.3
+_BOLD, _LINE, _BELOW = 0.18, 0.14, 0.12
 _BEND = 0.25
 _AZIMUTH, _ELEVATION = math.radians(-55), math.radians(22)  # as in the perspective view
-_Shapes = Sequence[tuple[str, list[list[Point]]]]  # kind and lines
 
 
 def matplotlib_module(name: str = '', package: str = 'matplotlib') -> Any:
@@ -92,13 +92,6 @@ def new_figure() -> Any:
     return figure
 
 
-def in_inches(figure: Any, left: float, bottom: float, width: float, height: float
-              ) -> tuple[float, float, float, float]:
-    """Return a rectangle in fractions of the figure, for `Axes.set_position`."""
-    whole, high = figure.get_size_inches()
-    return left / whole, bottom / high, width / whole, height / high
-
-
 def size_of(text: Any) -> tuple[float, float]:
     """Return the width and the height of a text in inches."""
     box = text.get_window_extent(text.figure.canvas.get_renderer())
@@ -119,40 +112,10 @@ class Entry:
     on_left: bool = False
     rank: int = 0
 
-
-class Column:
-    """A column of entries, each near the height of its point."""
-
-    def __init__(self, axes: Any, entries: Sequence[Entry]) -> None:
-        self._axes = axes
-        self._entries = sorted(entries, key=lambda entry: -entry.point[1])
-        self._texts = [[axes.text(0, 0, plain(text), fontsize=8, color=color, va='top',
-                                  fontweight=weight, linespacing=1.15)
-                        for text, color, weight in ((entry.title, TEXT_COLOR, 'bold'),
-                                                    (entry.numbers, GREY, 'normal')) if text]
-                       for entry in self._entries]
-        self._sizes = [[size_of(text) for text in texts] for texts in self._texts]
-        self._heights = [sum(high for _, high in sizes) + _LINE_GAP for sizes in self._sizes]
-        self.width = max((wide for sizes in self._sizes for wide, _ in sizes), default=0.0)
-        self.height = sum(self._heights) + _ENTRY_GAP * len(self._heights)
-
-    def lay_out(self, x: float, side: int, ends: Point, scale: float) -> None:
-        """
-        Place the texts and draw their lines.
-
-        :param side: -1 for a column left of the drawing, 1 for a column right of it.
-        :param scale: inches for each unit of the axes.
-        """
-        middles = _spread([entry.point[1] for entry in self._entries],
-                          [(height + _ENTRY_GAP) / scale for height in self._heights], *ends)
-        for index, (entry, middle) in enumerate(zip(self._entries, middles)):
-            y = middle + self._heights[index] / 2 / scale
-            for text, (_, high) in zip(self._texts[index], self._sizes[index]):
-                text.set_position((x, y))
-                text.set_horizontalalignment('left' if side > 0 else 'right')
-                y -= (high + _LINE_GAP) / scale
-            self._axes.plot([x - side * 0.05 / scale, entry.point[0]], [middle, entry.point[1]],
-                            color=PALE, lw=0.7, zorder=3)
+    @property
+    def height(self) -> float:
+        """Height in inches."""
+        return _BOLD + _BELOW + _LINE * (self.numbers.count('\n') + bool(self.numbers))
 
 
 def _spread(targets: Sequence[float], heights: Sequence[float], bottom: float, top: float
@@ -171,7 +134,7 @@ def _spread(targets: Sequence[float], heights: Sequence[float], bottom: float, t
 @dataclass(kw_only=True)
 class _Panel:
     """
-    One convention, with all points projected.
+    One convention, with all points projected, in metres.
 
     :param arrows: arrows from a frame of reference to the placed frame.
     :param offsets: lines from a joint to its link.
@@ -183,6 +146,21 @@ class _Panel:
     arrows: list[tuple[Point, Point]] = field(default_factory=list)
     offsets: list[tuple[Point, Point]] = field(default_factory=list)
     entries: list[Entry] = field(default_factory=list)
+
+    def columns(self) -> tuple[list[Entry], list[Entry]]:
+        """Return the entries left and right of the drawing, as many as have room."""
+        lefts = [entry for entry in self.entries if entry.on_left]
+        rights = [entry for entry in self.entries if not entry.on_left]
+        if len(rights) > _MAX_ENTRIES:
+            self.subtitle += (f'; numbers of {_MAX_ENTRIES} of {len(rights)}, '
+                              'the listing has all')
+            ranks = sorted(range(len(rights)), key=lambda index: rights[index].rank)
+            rights = [rights[index] for index in sorted(ranks[:_MAX_ENTRIES])]
+        if len(self.frames) > _FEW_LINKS:
+            rights.sort(key=lambda entry: entry.point[0])
+            half = len(rights) // 2
+            lefts, rights = lefts + rights[:half], rights[half:]
+        return lefts, rights
 
 
 def plot_conventions(robot: Robot, listing: Listing, path: str) -> None:
@@ -202,27 +180,36 @@ def draw(robot: Robot, listing: Listing) -> Any:
     poses = kinematics.forward({
         name: joint['position'] for name, joint in listing['joints'].items()})
     root = poses[FrameId('link', listing['root'])]
-    shapes = [(shape.kind, [[_project(point) for point in line]
-                            for line in transformed(shape.lines, root)])
-              for shape in placed_shapes(robot, listing) if shape.lines]
-    figure = new_figure()
-    views = [_View(figure.add_axes((0, 0, 1, 1)), panel, shapes)
-             for panel in (_urdf_panel(listing, kinematics, poses),
-                           _sdf_panel(listing, kinematics, poses))]
+    shapes = [(kind, [[_project(root.apply(point)) for point in line] for line in lines])
+              for kind, lines in placed_lines(robot, listing) if lines]
+    panels = _urdf_panel(listing, kinematics, poses), _sdf_panel(listing, kinematics, poses)
+    columns = [panel.columns() for panel in panels]
+    points = [(0.0, 0.0), *(point for _, lines in shapes for line in lines for point in line),
+              *(point for panel in panels for arrow in panel.arrows for point in arrow),
+              *(_project(pose.translation) for panel in panels for pose in panel.frames)]
+    low, high = (tuple(map(extreme, zip(*points))) for extreme in (min, max))
+    wide, tall = (max(b - a, 1e-9) for a, b in zip(low, high))
+    height = max(min(_HEIGHT, _WIDTH * tall / wide), *(
+        sum(entry.height for entry in side) for both in columns for side in both))
+    scale = min(_WIDTH / wide, height / tall)
+    figure, left = new_figure(), _MARGIN
     title = figure.text(0.5, 0.5, plain(heading(listing), 150), fontsize=13, fontweight='bold',
                         color=TEXT_COLOR, ha='center', va='center')
-    bounds = matplotlib_module('transforms').Bbox.union([view.axes.dataLim for view in views])
-    wide, high = (max(length, 1e-9) for length in bounds.size)
-    height = max(min(_HEIGHT, _WIDTH * high / wide), *(view.text_height for view in views))
-    scale = min(_WIDTH / wide, height / high)
-    widths = [view.lay_out(height, bounds, scale) for view in views]
-    whole = max(sum(widths) + 3 * _MARGIN, size_of(title)[0] + 2 * _MARGIN)
-    figure.set_size_inches(whole, height + _HEAD + _TITLE + 2 * _MARGIN)
-    left = (whole - sum(widths) - _MARGIN) / 2
-    for view, width in zip(views, widths):
-        view.axes.set_position(in_inches(figure, left, _MARGIN, width, height + _HEAD))
-        left += width + _MARGIN
-    title.set_y(1 - (_MARGIN + _TITLE / 3) / figure.get_size_inches()[1])
+    view = _View(figure, scale, (low[0], (low[1] + high[1] - height / scale) / 2),
+                 (scale * wide, height))
+    placed = [view.panel(panel, sides, shapes) for panel, sides in zip(panels, columns)]
+    whole = max(sum(right - left for _, left, right in placed) + 3 * _MARGIN,
+                size_of(title)[0] + 2 * _MARGIN)
+    tall = height + _HEAD + _TITLE + 2 * _MARGIN
+    figure.set_size_inches(whole, tall)
+    left = (whole - sum(right - left for _, left, right in placed) - _MARGIN) / 2
+    for axes, begin, end in placed:
+        axes.set_xlim(begin, end)
+        axes.set_ylim(0, height + _HEAD)
+        axes.set_position((left / whole, _MARGIN / tall, (end - begin) / whole,
+                           (height + _HEAD) / tall))
+        left += end - begin + _MARGIN
+    title.set_y(1 - (_MARGIN + _TITLE / 3) / tall)
     return figure
 
 
@@ -284,99 +271,90 @@ def _rank(link: str, kinematics: Kinematics) -> int:
     return 2 if kinematics.child_joints[link] else 1
 
 
+@dataclass(frozen=True)
 class _View:
-    """A drawn panel, on axes in metres with columns of entries beside the drawing."""
+    """
+    A figure with panels, whose axes are in inches.
 
-    def __init__(self, axes: Any, panel: _Panel, shapes: _Shapes) -> None:
-        self.axes, self._panel = axes, panel
+    :param scale: inches for each metre.
+    :param origin: point in metres at the left lower corner of the drawing.
+    :param size: width and height of the drawing in inches, without texts.
+    """
+
+    figure: Any
+    scale: float
+    origin: Point
+    size: Point
+
+    def panel(self, panel: _Panel, columns: Sequence[Sequence[Entry]],
+              shapes: Sequence[tuple[str, list[list[Point]]]]) -> tuple[Any, float, float]:
+        """Draw a panel, and return its axes with the left and the right end."""
+        axes = self.figure.add_axes((0, 0, 1, 1))
         axes.set_axis_off()
-        self._heads = [axes.text(0.5, 1, text, fontsize=size, fontweight=weight, color=color,
-                                 ha='center', va='top', transform=axes.transAxes)
-                       for text, size, weight, color in (
-                           (panel.title, 12, 'bold', TEXT_COLOR),
-                           (panel.subtitle, 9, 'normal', GREY))]
-        self._columns = [Column(axes, entries) for entries in self._entries()]
-        self.text_height = max(column.height for column in self._columns)  # inches
-        self._draw_shapes(shapes)
-        self._draw_arrows()
-        axes.update_datalim([(0.0, 0.0), *(_project(pose.translation) for pose in panel.frames)])
-        size = max(axes.dataLim.size) or 1.0
-        length = size * max(0.04, 0.14 / math.sqrt(len(panel.frames)))
-        for unit, color in zip(UNITS, AXIS_COLORS):
-            self._add_lines([(_project(pose.translation), _project(pose.apply(
-                scaled(unit, length)))) for pose in panel.frames], color, 1.8, 5)
-
-    def lay_out(self, height: float, bounds: Any, scale: float) -> float:
-        """
-        Place the drawing and all texts.
-
-        :param height: height of the drawing in inches, without the headings.
-        :param bounds: bounding box of the drawing in metres.
-        :param scale: inches for each metre.
-        :returns: width of the panel in inches.
-        """
-        left, right = self._columns
-        begin = left.width + _GAP if left.width else 0.0
-        width = begin + scale * bounds.width + _GAP + right.width
-        heads = [size_of(text) for text in self._heads]
-        margin = max(0.0, *(head[0] - width for head in heads)) / 2
-        width += 2 * margin
-        self._heads[1].set_y(1 - (heads[0][1] + 0.06) / (height + _HEAD))
-        x = bounds.x0 - (begin + margin) / scale
-        low = bounds.y0 + (bounds.height - height / scale) / 2
-        high = low + height / scale
-        self.axes.set_xlim(x, x + width / scale)
-        self.axes.set_ylim(low, high + _HEAD / scale)
-        left.lay_out(bounds.x0 - _GAP / scale, -1, (low, high), scale)
-        right.lay_out(bounds.x1 + _GAP / scale, 1, (low, high), scale)
-        return width
-
-    def _entries(self) -> tuple[list[Entry], list[Entry]]:
-        """Return the entries left and right of the drawing, as many as have room."""
-        lefts = [entry for entry in self._panel.entries if entry.on_left]
-        rights = [entry for entry in self._panel.entries if not entry.on_left]
-        if len(rights) > _MAX_ENTRIES:
-            self._heads[1].set_text(f'{self._panel.subtitle}; numbers of {_MAX_ENTRIES} of '
-                                    f'{len(rights)}, the listing has all')
-            ranks = sorted(range(len(rights)), key=lambda index: rights[index].rank)
-            rights = [rights[index] for index in sorted(ranks[:_MAX_ENTRIES])]
-        if len(self._panel.frames) <= _FEW_LINKS:
-            return lefts, rights
-        rights.sort(key=lambda entry: entry.point[0])
-        half = len(rights) // 2
-        return lefts + rights[:half], rights[half:]
-
-    def _draw_shapes(self, shapes: _Shapes) -> None:
+        width, height = self.size
+        heads = [axes.text(width / 2, height + _HEAD - down, text, fontsize=size, color=color,
+                           fontweight=weight, ha='center', va='top')
+                 for text, down, size, weight, color in (
+                     (panel.title, 0.0, 12, 'bold', TEXT_COLOR),
+                     (panel.subtitle, 0.26, 9, 'normal', GREY))]
+        half = max(size_of(head)[0] for head in heads) / 2
+        left = min(width / 2 - half, -self._column(axes, columns[0], -1))
+        right = max(width / 2 + half, width + self._column(axes, columns[1], 1))
         for kind, lines in shapes:
-            corners = hull(point for line in lines for point in line)
-            self.axes.fill(*zip(*corners), facecolor=SHAPE_COLORS[kind], alpha=0.1, zorder=1,
-                           clip_on=False)
-            self._add_lines(lines, SHAPE_COLORS[kind], 0.5, 1)
+            self._lines(axes, lines, SHAPE_COLORS[kind], 0.5, 1)
+            for line in lines:
+                axes.fill(*zip(*map(self._at, line)), facecolor=SHAPE_COLORS[kind], alpha=0.05,
+                          zorder=1, clip_on=False)
+        self._arrows(axes, panel)
+        length = max(self.size) / self.scale * max(0.04, 0.14 / math.sqrt(len(panel.frames)))
+        for (x, y, z), color in zip(UNITS, AXIS_COLORS):
+            self._lines(axes, [[_project(pose.translation), _project(pose.apply((
+                x * length, y * length, z * length)))] for pose in panel.frames], color, 1.8, 5)
+        return axes, left, right
 
-    def _draw_arrows(self) -> None:
+    def _column(self, axes: Any, entries: Sequence[Entry], side: int) -> float:
+        """Write entries left (-1) or right (1) of the drawing, and return their width."""
+        entries = sorted(entries, key=lambda entry: -entry.point[1])
+        x, widest = (self.size[0] + _GAP if side > 0 else -_GAP), 0.0
+        middles = _spread([self._at(entry.point)[1] for entry in entries],
+                          [entry.height for entry in entries], 0.0, self.size[1])
+        for entry, middle in zip(entries, middles):
+            y = middle + (entry.height - _BELOW) / 2
+            for text, color, weight in ((entry.title, TEXT_COLOR, 'bold'),
+                                        (entry.numbers, GREY, 'normal')):
+                written = axes.text(x, y, plain(text), fontsize=8, color=color, va='top',
+                                    fontweight=weight, linespacing=1.15,
+                                    ha='left' if side > 0 else 'right') if text else None
+                widest = max(widest, size_of(written)[0] + _GAP if written else 0.0)
+                y -= _BOLD
+            end = self._at(entry.point)
+            axes.plot([x - side * 0.05, end[0]], [middle, end[1]], color=PALE, lw=0.7, zorder=3)
+        return widest
+
+    def _arrows(self, axes: Any, panel: _Panel) -> None:
         """Draw the arrows, the joints, and the lines between joints and links."""
-        many, arrows = len(self._panel.frames) > _FEW_LINKS, []
-        for start, end in self._panel.arrows:
-            if math.dist(start, end) > 1e-6:
-                right = end[0] - start[0] > 0.1 * abs(end[1] - start[1])
-                arrows.append((start, end, -_BEND if many and right else _BEND))
+        arrows = [arrow for arrow in panel.arrows if math.dist(*arrow) > 1e-6]
         width = 1.3 if len(arrows) <= _FEW_LINKS else 0.8
-        self._add_lines([bezier_curve(*arrow) for arrow in arrows[_MAX_ARROWS:]], TEXT_COLOR,
-                        width, 6)
-        for start, end, bend in arrows[:_MAX_ARROWS]:
-            self.axes.update_datalim(bezier_curve(start, end, bend))
-            self.axes.annotate('', end, xytext=start, zorder=6, arrowprops={
+        self._lines(axes, arrows[_MAX_ARROWS:], TEXT_COLOR, width, 6)
+        for start, end in arrows[:_MAX_ARROWS]:
+            right = end[0] - start[0] > 0.1 * abs(end[1] - start[1])
+            bend = _BEND if len(panel.frames) > _FEW_LINKS and right else -_BEND
+            axes.annotate('', self._at(end), xytext=self._at(start), zorder=6, arrowprops={
                 'arrowstyle': '-|>', 'color': TEXT_COLOR, 'lw': width, 'shrinkA': 4,
-                'shrinkB': 5, 'connectionstyle': f'arc3,rad={-bend}'})
-        if self._panel.offsets:
-            self._add_lines(self._panel.offsets, GREY, 1.2, 4, ':')
-            self.axes.plot(*zip(*(joint for joint, _ in self._panel.offsets)), 'h', color=GREY,
-                           zorder=4, markersize=9, markerfacecolor='none', markeredgewidth=1.2)
+                'shrinkB': 5, 'connectionstyle': f'arc3,rad={bend}'})
+        if panel.offsets:
+            self._lines(axes, panel.offsets, GREY, 1.2, 4, ':')
+            axes.plot(*zip(*(self._at(joint) for joint, _ in panel.offsets)), 'h', color=GREY,
+                      zorder=4, markersize=9, markerfacecolor='none', markeredgewidth=1.2)
 
-    def _add_lines(self, lines: Sequence[Sequence[Point]], color: str, width: float, order: int,
-                   style: str = '-') -> None:
-        self.axes.add_collection(matplotlib_module('collections').LineCollection(
-            lines, colors=color, linewidths=width, linestyles=style, zorder=order, clip_on=False))
+    def _at(self, point: Point) -> Point:
+        return (self.scale * (point[0] - self.origin[0]), self.scale * (point[1] - self.origin[1]))
+
+    def _lines(self, axes: Any, lines: Sequence[Sequence[Point]], color: str, width: float,
+               order: int, style: str = '-') -> None:
+        axes.add_collection(matplotlib_module('collections').LineCollection(
+            [list(map(self._at, line)) for line in lines], colors=color, linewidths=width,
+            linestyles=style, zorder=order, clip_on=False))
 
 
 def _project(point: Vector) -> Point:

@@ -23,7 +23,7 @@ from typing import Any
 from opencv_tools.robot.kinematics import Kinematics, with_mimics
 from opencv_tools.robot.model import (
     Axis, FrameId, Joint, Limit, Link, MODEL, Placement, Robot, Shape)
-from opencv_tools.robot.pose import normalised, Pose, rotation_of_quaternion, Transform
+from opencv_tools.robot.pose import normalised, rotation_of_quaternion, Transform
 from opencv_tools.robot.trees import shortened
 from opencv_tools.robot.xml.document import DescriptionError
 from opencv_tools.robot.xml.numbers import UNLIMITED
@@ -210,21 +210,6 @@ def parent_joints(listing: Listing) -> dict[str, str]:
     for name, joint in listing['joints'].items():
         if listing['links'][joint['child']]['parent'] == joint['parent']:
             result.setdefault(joint['child'], name)
-    return result
-
-
-def link_poses(listing: Listing) -> dict[str, Transform]:
-    """Return the poses of all links in the root link."""
-    return {name: transform_of(link['pose']) for name, link in listing['links'].items()}
-
-
-def joint_origins(listing: Listing) -> dict[str, Transform]:
-    """Return the poses of the joints' origins in the root link, without joints of loops."""
-    poses, result = link_poses(listing), {}
-    for name in parent_joints(listing).values():
-        joint = listing['joints'][name]
-        xyz, rpy = joint['in_parent'].values()
-        result[name] = poses[joint['parent']] @ Pose(tuple(xyz), tuple(rpy)).transform()
     return result
 
 

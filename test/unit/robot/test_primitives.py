@@ -12,14 +12,14 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Outlines of shapes and convex hulls."""
+"""Outlines of shapes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import math
 
-from opencv_tools.robot.drawing.primitives import hull, outline
+from opencv_tools.robot.drawing.primitives import outline
 from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Sphere
 import pytest
 from rows import each_row
@@ -44,10 +44,3 @@ def test_outlines_on_the_surface_of_shapes(
 def test_size_of_outlines(geometry: Geometry, size: tuple[float, ...]) -> None:
     columns = zip(*(point for line in outline(geometry) for point in line))
     assert tuple(max(column) - min(column) for column in columns) == pytest.approx(size)
-
-
-def test_convex_hull() -> None:
-    corners = [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)]
-    assert hull([*corners, (1.0, 0.5), (1.0, 0.0), (2.0, 1.0)]) == corners
-    assert hull([(1.0, 1.0)]) == [(1.0, 1.0)]
-    assert sorted(hull([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == [(0.0, 0.0), (2.0, 2.0)]
