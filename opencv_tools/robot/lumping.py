@@ -302,6 +302,9 @@ def with_massless(robot: Robot) -> Robot:
 
     The robot is returned unchanged if its frames and links were edited so that they do not fit.
     """
+    if not any(mark in urdf.attrib for _, owner in robot.frame_owners()
+               if (urdf := owner.extension.urdf) is not None for mark in _MARKS):
+        return robot
     robot = replace(robot, links=tuple(
         replace(_without_marks(link), default_mass=0.0) if is_massless(link) else link
         for link in robot.links))

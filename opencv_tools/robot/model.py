@@ -259,13 +259,19 @@ class Robot:
             for owner in owners:
                 yield FrameId(kind, owner.name), owner
 
+    def parts(self) -> Iterator[Robot | Link | Joint | RobotFrame | Shape]:
+        """Return the robot and all its parts, which have extensions."""
+        yield self
+        for link in self.links:
+            yield link
+            yield from link.visuals + link.collisions
+        yield from self.joints
+        yield from self.frames
+
     def extension_elements(self) -> Iterator[etree._Element]:
         """Return the XML that the model does not represent, of the robot and of all its parts."""
-        shapes = (shape for link in self.links for shape in (*link.visuals, *link.collisions))
-        parts: tuple[Robot | Link | Joint | RobotFrame | Shape, ...] = (
-            self, *self.links, *self.joints, *self.frames, *shapes)
-        for extension in (part.extension for part in parts):
-            yield from (element for element in (extension.urdf, extension.sdf)
+        for part in self.parts():
+            yield from (element for element in (part.extension.urdf, part.extension.sdf)
                         if element is not None)
 
     def map_frame_ids(self, change: Callable[[FrameId], FrameId]) -> Robot:

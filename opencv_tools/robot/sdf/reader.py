@@ -330,8 +330,6 @@ def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str =
     if local_name(root) != 'sdf':
         raise DescriptionError('is not SDF; the root must be <sdf>', root)
     contexts = model_contexts(root, report, model, search)
-    report_undefined((context.scope.element.element for context in contexts), _DEFINED, 'SDF',
-                     report)
     top, registry = contexts[0].scope, contexts[0].registry
     # Placements are read as written. Joints have no axes yet, because axes depend on poses.
     links, joints, frames = _read_elements(contexts)
@@ -363,6 +361,8 @@ def read_sdf(root: Element, report: Report, *, model: str = '', root_link: str =
     robot = mark_loops(robot, canonical)
     # The extension is what no step has read, so it is last.
     robot = replace(robot, extension=model_extension(contexts[0], pose))
+    report_undefined(((part.extension.sdf, part.name) for part in robot.parts()
+                      if part.extension.sdf is not None), _DEFINED, 'SDF', report)
     return select_root(robot, root_link, report) if root_link else robot
 
 

@@ -24,6 +24,7 @@ The tables follow libsdformat 12 and SDF 1.9. Newer versions accept what they ac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from itertools import islice
 import math
 from pathlib import Path
 import re
@@ -99,6 +100,7 @@ def _read_rule(kind: str, *limits: str) -> tuple[str, float, float]:
     return kind, float(values.get('min', -math.inf)), float(values.get('max', math.inf))
 
 
+_NONE = _read_rule('')
 # The end of a path counts more than a tag, because some tags have several meanings.
 _RULES = _ends({end: _read_rule(*words.split() or ['']) for end, _, words in (
     line.partition(':') for line in Path(__file__).with_name('values.txt').read_text(
@@ -151,14 +153,13 @@ def find_flaw(element: Element) -> str:
 
 
 def _find_wrong_value(element: Element, text: str) -> str:
-    outer = [str(above.tag) for above in element.iterancestors()]
-    kind, low, high = next((rule for end, rule in _RULES.get(str(element.tag), ())
-                            if outer[:len(end)] == end), ('', 0.0, 0.0))
+    kind, low, high = next((rule for end, rule in _RULES.get(str(element.tag), ()) if not end or (
+        end == [str(above.tag) for above in islice(element.iterancestors(), len(end))])), _NONE)
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
     if kind in _KINDS and not _KINDS[kind][0](text):
         return f'{text!r} is not {_KINDS[kind][1]}'
-    value = _read_number(text) if kind == 'double' else None
+    value = _read_number(text) if (low, high) != _NONE[1:] else None
     if value is not None and (value < low or value > high):
         return f'{text!r} is outside of {low:g} to {high:g}'
     return ''

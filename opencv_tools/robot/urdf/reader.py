@@ -320,7 +320,6 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         name = _DEFAULT_NAME
         report.warn('robot', '', line_of(root), f'has no name; it is named {name!r}')
     context = read_context(root, report, apply_version(element, report))
-    report_undefined(element.iterchildren('link', 'joint', 'material'), _DEFINED, 'URDF', report)
     tree = context.tree
     canonical = root.get(f'{SDF_TAG}canonical_link', '')
     if canonical and canonical not in tree.links:
@@ -331,6 +330,10 @@ def read_urdf(element: Element, report: Report, *, root_link: str = '') -> Robot
         joints=tuple(read_joint(joint, context) for joint in tree.joints.values()),
         frames=_frames(root, tree), canonical_link=canonical,
         extension=context.robot_extension(root))
+    report_undefined([*((part.extension.urdf, part.name) for part in robot.parts()
+                        if part.extension.urdf is not None), *(
+        (one, one.get('name', '')) for one in element.iterchildren('material'))],
+        _DEFINED, 'URDF', report)
     robot = select_root(robot, root_link, report)
     check_mimic_cycles(robot)
     return robot

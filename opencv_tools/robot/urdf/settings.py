@@ -160,9 +160,11 @@ def take_settings(robot: Robot, report: Report) -> tuple[Robot, dict[FrameId, li
 def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: list[Element],
            report: Report) -> list[_Holder]:
     """Return the holders of settings without those that all of them have with one value."""
+    if all(holder.extension.sdf is None for holder in holders):
+        return list(holders)
     copies = [None if holder.extension.sdf is None else detached(holder.extension.sdf)
               for holder in holders]
-    for setting in SETTINGS if any(copy is not None for copy in copies) else ():
+    for setting in SETTINGS:
         if setting.owner != kind or not setting.fits(getattr(owner, 'type', '')):
             continue
         leaves = [_leaves(copy, setting) for copy in copies]

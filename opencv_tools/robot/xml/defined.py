@@ -30,23 +30,31 @@ def read_table(path: Path) -> Table:
     """Read ``elements.txt`` of a format."""
     lines = (line.partition(':') for line in path.read_text(encoding='utf-8').splitlines()
              if not line.startswith('#'))
-    return {tag: frozenset(names.split()) for tag, _, names in lines}
+    table = {tag: frozenset(names.split()) for tag, _, names in lines}
+    return {tag: names for tag, names in table.items() if '*' not in names}
 
 
-def report_undefined(roots: Iterable[Element], table: Table, language: str, report: Report
-                     ) -> None:
-    """Warn of what a format does not define in some elements. Names with prefixes are others'."""
-    pending = [(root, root.get('name', '')) for root in roots]
+def report_undefined(unread: Iterable[tuple[Element, str]], table: Table, language: str,
+                     report: Report) -> None:
+    """
+    Warn of what a format does not define in some elements. Names with prefixes are others'.
+
+    :param unread: unread elements, because readers read what is defined only, and their names.
+    """
+    pending = [*unread]
     while pending:
         element, name = pending.pop()
-        names = table.get(str(element.tag), {'*'})
-        if '*' in names:
+        names = table.get(str(element.tag))
+        if names is None:
             continue
-        found = [*((f'@{key}', element) for key in map(str, element.attrib)),
-                 *((str(child.tag), child) for child in element)]
-        for key, place in found:
-            if key not in (*names, *_UNCHECKED) and '{' not in key:
+        unknown = [(f'@{key}', element) for key in element.attrib if f'@{key}' not in names]
+        for child in element:
+            tag = str(child.tag)
+            if tag not in names:
+                unknown.append((tag, child))
+            elif tag not in _UNCHECKED:
+                pending.append((child, child.get('name') or name))
+        for key, place in unknown:
+            if key not in _UNCHECKED and '{' not in key:
                 report.warn(key, name, line_of(place), f'is not defined in <{element.tag!s}> by '
                             f'{language} and has no effect; kept for the conversion back')
-        pending.extend((child, child.get('name') or name) for child in element
-                       if child.tag in names and child.tag not in _UNCHECKED)

@@ -160,19 +160,19 @@ class TrackedElement:
         """
         element, names = self.element, self._names
         children = []
-        read: dict[str, str] = {}
+        read: dict[str, Element] = {}
         for child in element:
             tracked = self._children.get(child)
             if tracked is None:
-                if child.tag in read:
+                if (first := read.pop(str(child.tag), None)) is not None:
+                    words = (first.text or '').split()
                     children.append(etree.Element(child.tag, {PARTLY_READ: TEXT_READ}))
-                    children[-1].text = read.pop(str(child.tag))
+                    children[-1].text = words[0] if len(words) == 1 else ''
                 children.append(detached(child))
             elif not tracked._is_taken and (unread := tracked.unread()) is not None:
                 children.append(unread)
             elif not tracked._is_taken:
-                words = (child.text or '').split()
-                read[str(child.tag)] = words[0] if len(words) == 1 else ''
+                read[str(child.tag)] = child
         attributes = {str(name): str(value) for name, value in element.attrib.items()
                       if name not in names and name != PARTLY_READ}
         text = '' if '' in names else (element.text or '').strip()
@@ -185,7 +185,9 @@ class TrackedElement:
             attributes[PARTLY_READ] = (
                 TEXT_READ if '' in names else element.get(PARTLY_READ, 'true'))
         copy = etree.Element(element.tag, attributes, nsmap=element.nsmap)
-        copy.getroottree().docinfo.URL = element.getroottree().docinfo.URL  # for messages
+        # For messages.
+        copy.sourceline = element.sourceline or 0  # type: ignore[misc]
+        copy.getroottree().docinfo.URL = element.getroottree().docinfo.URL
         copy.text = text or None
         copy.extend(children)
         return copy
