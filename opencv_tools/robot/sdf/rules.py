@@ -32,6 +32,7 @@ from typing import TypeVar
 
 from opencv_tools.robot.model import WORLD
 from opencv_tools.robot.names import allowed_name, flat_name, Names
+from opencv_tools.robot.xml.defined import read_lines
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
 from opencv_tools.robot.xml.numbers import clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_TAG
@@ -102,9 +103,8 @@ def _read_rule(kind: str, *limits: str) -> tuple[str, float, float]:
 
 _NONE = _read_rule('')
 # The end of a path counts more than a tag, because some tags have several meanings.
-_RULES = _ends({end: _read_rule(*words.split() or ['']) for end, _, words in (
-    line.partition(':') for line in Path(__file__).with_name('values.txt').read_text(
-        encoding='utf-8').splitlines() if line[0] != '#')})
+_RULES = _ends({end: _read_rule(*words or ['']) for end, words in read_lines(
+    Path(__file__).with_name('values.txt')).items()})
 _REQUIRED: Mapping[str, tuple[str, ...]] = {
     'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
     'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),

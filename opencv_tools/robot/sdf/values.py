@@ -27,6 +27,7 @@ from lxml import etree
 from opencv_tools.robot.geometry import BLACK, Color, Material
 from opencv_tools.robot.model import Shape
 from opencv_tools.robot.pose import Pose, rotation_of_quaternion, Tensor, Transform
+from opencv_tools.robot.xml.defined import read_lines
 from opencv_tools.robot.xml.document import AnyElement, DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import (
     number, number_text, numbers, numbers_text, quoted)
@@ -67,24 +68,14 @@ MATERIAL_COLORS = {
 
 # The colours of the materials that Gazebo has by name: diffuse, and ambient if it differs.
 SCRIPT = 'file://media/materials/scripts/gazebo.material'
-_GAZEBO_COLORS = {f'Gazebo/{name}': values.split() for name, found, values in (
-    line.partition(': ') for line in Path(__file__).with_name('colors.txt').read_text(
-        encoding='utf-8').splitlines()) if found and name[:1] != '#'}
+_GAZEBO_COLORS = {f'Gazebo/{name}': words for name, words in read_lines(
+    Path(__file__).with_name('colors.txt')).items()}
 
-# Elements of SDF that Gazebo copies from <gazebo> and <gazebo reference> into the model, the link
-# or the joint. The converter moves them between these places.
+# What Gazebo makes of the children of <gazebo> and <gazebo reference>. The first are elements of
+# SDF in the model, link or joint, and the converter moves them between these places.
+GAZEBO_LINES = read_lines(Path(__file__).with_name('gazebo.txt'))
 GAZEBO: Mapping[str, frozenset[str]] = {
-    'model': frozenset({
-        'allow_auto_disable', 'enable_wind', 'gripper', 'plugin', 'pose', 'self_collide',
-        'static'}),
-    'link': frozenset({
-        'audio_sink', 'audio_source', 'battery', 'enable_wind', 'gravity', 'kinematic', 'light',
-        'must_be_base_link', 'particle_emitter', 'plugin', 'projector', 'self_collide', 'sensor',
-        'velocity_decay'}),
-    'joint': frozenset({
-        'gearbox_ratio', 'gearbox_reference_body', 'screw_thread_pitch', 'sensor',
-        'thread_pitch'}),
-}
+    owner: frozenset(GAZEBO_LINES[owner]) for owner in ('model', 'link', 'joint')}
 # Parts of the model that Gazebo copies from <gazebo> too; they are read as those of the robot.
 MODEL_PARTS = ('frame', 'joint', 'link')
 # Tags in <gazebo reference="joint"> that preserve a fixed joint.

@@ -28,7 +28,7 @@ from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.model import Extension, FrameId, Joint, Link, Robot, Shape
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import SCRIPT
+from opencv_tools.robot.sdf.values import GAZEBO_LINES, SCRIPT
 from opencv_tools.robot.xml.document import detached, Element, PARTLY_READ
 from opencv_tools.robot.xml.passthrough import merge_unread
 from opencv_tools.robot.xml.report import Report
@@ -71,36 +71,14 @@ class Setting:
         return fragment_flaw(leaf) if text else 'has no value'
 
 
-_FRICTION, _CONTACT, _ODE = 'surface/friction/ode', 'surface/contact/ode', 'physics/ode'
-SETTINGS = (
-    Setting('material', 'visual', ('material/script/name',)),
-    Setting('mu1', 'collision', (f'{_FRICTION}/mu',)),
-    Setting('mu2', 'collision', (f'{_FRICTION}/mu2',)),
-    Setting('fdir1', 'collision', (f'{_FRICTION}/fdir1',)),
-    Setting('kp', 'collision', (f'{_CONTACT}/kp',)),
-    Setting('kd', 'collision', (f'{_CONTACT}/kd',)),
-    Setting('minDepth', 'collision', (f'{_CONTACT}/min_depth',)),
-    Setting('maxVel', 'collision', (f'{_CONTACT}/max_vel',)),
-    Setting('maxContacts', 'collision', ('max_contacts',)),
-    Setting('laserRetro', 'collision', ('laser_retro',)),
-    Setting('selfCollide', 'link', ('self_collide',)),
-    Setting('turnGravityOff', 'link', ('gravity',), is_opposite=True),
-    Setting('dampingFactor', 'link', ('velocity_decay/linear', 'velocity_decay/angular')),
-    Setting('stopCfm', 'joint', (f'{_ODE}/limit/cfm',)),
-    Setting('stopErp', 'joint', (f'{_ODE}/limit/erp',)),
-    Setting('fudgeFactor', 'joint', (f'{_ODE}/fudge_factor',)),
-    Setting('cfmDamping', 'joint', (f'{_ODE}/cfm_damping',)),
-    Setting('implicitSpringDamper', 'joint', (f'{_ODE}/implicit_spring_damper',)),
-    Setting('provideFeedback', 'joint', (f'{_ODE}/provide_feedback', 'physics/provide_feedback')),
-    Setting('springReference', 'joint', ('axis/dynamics/spring_reference',)),
-    Setting('springStiffness', 'joint', ('axis/dynamics/spring_stiffness',)),
-)
+# By kind of the reference and by tag.
+SETTING_OF = {(kind, tag): Setting(
+    tag, words[0], tuple(path.lstrip('!') for path in words[1:]), words[1][0] == '!')
+    for key, words in GAZEBO_LINES.items() for kind, slash, tag in [key.partition('/')] if slash}
+SETTINGS = tuple(SETTING_OF.values())
 # Elements that ``<gazebo>`` has for all visuals or collisions of a link.
 _SHARED = {'visual': ('cast_shadows', 'plugin', 'transparency', 'visibility_flags'),
            'collision': ('surface',)}
-# By kind of the reference and by tag.
-SETTING_OF = {('joint' if setting.owner == 'joint' else 'link', setting.tag): setting
-              for setting in SETTINGS}
 
 
 def set_value(owner: Element, setting: Setting, text: str) -> bool:

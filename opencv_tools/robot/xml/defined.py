@@ -26,12 +26,16 @@ Table = Mapping[str, frozenset[str]]  # by the tag of the element around them
 _UNCHECKED = ('plugin', 'model')  # the model in a model is checked by itself
 
 
-def read_table(path: Path) -> Table:
-    """Read ``elements.txt`` of a format."""
+def read_lines(path: Path) -> dict[str, list[str]]:
+    """Read a table of facts: the words of each line by what is before its colon."""
     lines = (line.partition(':') for line in path.read_text(encoding='utf-8').splitlines()
              if not line.startswith('#'))
-    table = {tag: frozenset(names.split()) for tag, _, names in lines}
-    return {tag: names for tag, names in table.items() if '*' not in names}
+    return {key: words.split() for key, _, words in lines}
+
+
+def read_table(path: Path) -> Table:
+    """Read ``elements.txt`` of a format."""
+    return {tag: frozenset(names) for tag, names in read_lines(path).items() if '*' not in names}
 
 
 def report_undefined(unread: Iterable[tuple[Element, str]], table: Table, language: str,
