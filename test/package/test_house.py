@@ -40,7 +40,7 @@ _GIVES = re.compile(
 BUDGET = {
     '': 945, 'bags': 1133, 'base': 635, 'calibration': 1785, 'capture': 2274, 'convert': 415,
     'datasets': 2974, 'frames': 440, 'image': 1360, 'message_types': 570, 'nodes': 2575,
-    'recording': 2307, 'robot': 6303, 'topics': 1934, 'transport': 1170, 'video': 907, 'viewer':
+    'recording': 2307, 'robot': 6329, 'topics': 1934, 'transport': 1170, 'video': 907, 'viewer':
     5205}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
            tokenize.ENDMARKER)
