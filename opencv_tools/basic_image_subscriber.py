@@ -31,6 +31,7 @@ from opencv_tools.nodes.run_node import ClosableNode, EXIT_FAILURE, EXIT_OK, run
 from opencv_tools.nodes.subscriber.parameters import PARAMETERS, RecorderSettings
 from opencv_tools.nodes.subscriber.session import SubscriberSession
 from opencv_tools.nodes.subscriber.topic_recorder import TopicRecorder
+from opencv_tools.recording.bag_sink import MessageFrame
 from opencv_tools.recording.errors import FailureLog, RecordingError
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
@@ -72,6 +73,10 @@ class ImageSubscriber(ClosableNode):
         self._bag_messages = BagMessages(
             self, self.subscription.topic_name, self._log, bag_sink.add_message,
         ) if bag_sink else None
+        self._account: Account | None = None  # at the end
+        self._recorded_topic = self.subscription.topic_name
+        if bag_sink:
+            bag_sink.read_losses(self._losses)
         topics, session = settings.topics.split(), self._session
         self._topic_recorder = TopicRecorder(
             self, topics, resolve_topic(self, 'video_frames'), self._log,
@@ -105,6 +110,8 @@ class ImageSubscriber(ClosableNode):
         except (CvBridgeError, ImageError) as err:
             self._count_unreadable(err)
         else:
+            if isinstance(frame, MessageFrame):
+                self._recorded_topic = frame.channel.topic
             self._session.record(frame)
             self._progress.tick(received.message.description, **self._lost())
 
@@ -119,7 +126,7 @@ class ImageSubscriber(ClosableNode):
         :returns: the exit status.
         """
         with log_if_slow(self._log, 'Writing the received frames; Ctrl-C ends without them'):
-            account = self._record_remaining()
+            account = self._account = self._record_remaining()
             if self._bag_messages:
                 self._bag_messages.close()
             if self._topic_recorder:
@@ -163,6 +170,13 @@ class ImageSubscriber(ClosableNode):
         account = self.subscription.account
         return {'dropped': self._session.recorder.counts.dropped,
                 'lost': account.lost + account.skipped}
+
+    def _losses(self) -> dict[str, dict[str, int]]:
+        """Return for each topic how many messages are in no bag until now; on any thread."""
+        account = self._account or self.subscription.account
+        found = self._topic_recorder.losses() if self._topic_recorder else {}
+        found[self._recorded_topic] = self._session.counts.losses(account.lost + account.skipped)
+        return found
 
     def _end_on_timeout(self) -> None:
         """End with an error, because no frame arrived in time."""

@@ -54,6 +54,7 @@ class Db3Reader:
         """
         self.topics: dict[BagTopic, int] = {}
         self.first_ns = self.last_ns = 0
+        self.metadata: list[tuple[str, dict[str, str]]] = []
         self.warning = ''
         self._name = printable(path.name, MAX_PATH)
         self._ids: dict[int, BagTopic] = {}

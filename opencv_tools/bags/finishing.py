@@ -27,11 +27,13 @@ from pathlib import Path
 import struct
 from typing import NamedTuple
 
+from opencv_tools.bags.account import (
+    account_record, has_account, REPEATED, repeated_counts, WRITTEN)
 from opencv_tools.bags.errors import BagError, check_mcap
-from opencv_tools.bags.mcap_reader import (
+from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, CHUNK, CHUNK_CODE, DATA_END_CODE, definition, file_reader, HEADER_CODE,
     INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, message_head, MESSAGE_INDEX,
-    MESSAGE_INDEX_CODE, Read, RECORD, Record, scan, SCHEMA_CODE, summary_start)
+    MESSAGE_INDEX_CODE, METADATA_CODE, Read, RECORD, Record, scan, SCHEMA_CODE, summary_start)
 from opencv_tools.bags.writing import (
     BagIndex, CHUNK_BYTES, encode_record, LIBRARY, OpenChunk, PROFILE)
 from opencv_tools.base.regular_files import is_same_file, open_regular, try_lock
@@ -40,7 +42,7 @@ from opencv_tools.image.cdr import COMPRESSED_IMAGE, IMAGE
 from opencv_tools.video.messages import VIDEO_TOPICS
 
 _BLOCK = 1 << 20
-_MAX_RECORD = 1 << 19  # bytes of a record that is neither a chunk nor a message
+_MAX_RECORD = 1 << 20  # bytes of a record that is neither a chunk nor a message
 _MAX_DEFINITIONS = 1000  # schemas and channels
 # Magic, opcode and length of the header, and two texts with their lengths.
 _START = struct.Struct(f'<{len(MAGIC)}sBQI{len(PROFILE)}sI{len(LIBRARY)}s')
@@ -112,13 +114,16 @@ def _has_own_header(read: Read, size: int) -> bool:
 
 
 def _write_end(file: int, bag: _OwnBag) -> None:
-    """Remove what follows the complete messages, and write the indexes and the summary."""
+    """Remove what follows the complete messages, and write indexes, account and summary."""
     os.ftruncate(file, bag.end)
-    end, chunk = b'', bag.chunk
+    end, chunk, account = b'', bag.chunk, bag.account()
     if chunk:
         os.pwrite(file, chunk.header(), chunk.offset)
         end, offsets = chunk.message_indexes()
         bag.index.add_chunk(chunk, offsets, len(end))
+    if not has_account(bag.metadata):
+        end += bag.index.add_metadata(
+            [account_record(account, is_known=False)], bag.end + len(end))
     end += bag.index.end(bag.end + len(end))
     position = bag.end
     while end:
@@ -144,6 +149,8 @@ class _OwnBag:
         self._size = size
         self._name = name
         self._image_schemas: set[int] = set()
+        self.metadata: list[tuple[str, dict[str, str]]] = []
+        self._topics: dict[int, str] = {}
         self._channels: dict[int, bool] = {}  # whether the messages are images
         self._definition_count = 0
         self._index_offsets: dict[int, int] = {}
@@ -167,9 +174,22 @@ class _OwnBag:
         elif self.chunk:
             self.end, self.chunk = self.chunk.offset, None
 
-    def message_counts(self) -> Counts:
+    def account(self) -> dict[str, dict[str, int]]:
+        """Return how many messages of each topic were written, without those that are repeated."""
+        counts, repeated = Counter[str](), repeated_counts(self.metadata)
+        for channel, count in self._all_counts().items():
+            counts[self._topics[channel]] += count
+        return {topic: {WRITTEN: max(0, count - repeated.get(topic, 0)),
+                        REPEATED: min(count, repeated.get(topic, 0))}
+                for topic, count in counts.items()}
+
+    def _all_counts(self) -> Counter[int]:
         counts = Counter(self.index.counts)
         counts.update(self.chunk.counts() if self.chunk else {})
+        return counts
+
+    def message_counts(self) -> Counts:
+        counts = self._all_counts()
         return Counts(sum(counts[channel] for channel, is_image in self._channels.items()
                           if is_image), counts.total())
 
@@ -187,7 +207,7 @@ class _OwnBag:
             return False
         if code == MESSAGE_INDEX_CODE and self.chunk:
             self._add_message_index(self.chunk, record)
-        elif (code in (SCHEMA_CODE, CHANNEL_CODE) and not self.chunk
+        elif (code in (SCHEMA_CODE, CHANNEL_CODE, METADATA_CODE) and not self.chunk
                 and record.size <= _MAX_RECORD):
             self._add_definition(record)
         elif code == DATA_END_CODE and not self.chunk:
@@ -240,14 +260,19 @@ class _OwnBag:
             self.chunk = None
 
     def _add_definition(self, record: Record) -> None:
-        from mcap.records import Channel
+        from mcap.records import Channel, Metadata
         data = bytes(self._read(record.begin, record.size))
         found = definition(self._read, record)
         self._definition_count += 1
         if (not found or self._definition_count > _MAX_DEFINITIONS
                 or encode_record(found) != data):
             raise self._damaged(record)
+        if isinstance(found, Metadata):
+            self.metadata.append((found.name, found.metadata))
+            self.index.add_metadata(self.metadata[-1:], record.begin)
+            return
         if isinstance(found, Channel):
+            self._topics[found.id] = found.topic
             self._channels[found.id] = (found.schema_id in self._image_schemas
                                         or self._channels.get(found.id, False))
         elif found.name in (IMAGE, COMPRESSED_IMAGE, *VIDEO_TOPICS):

@@ -22,14 +22,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import islice
 import os
 from pathlib import Path
 import re
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
+from opencv_tools.bags.account import has_account, recording_of
 from opencv_tools.bags.compression import unpack_file
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
@@ -40,8 +42,8 @@ from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.base.units import NANO
 
-__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'continues', 'is_bag', 'open_bag_file',
-           'read_file_names']
+__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'open_bag_file', 'read_file_names',
+           'recordings']
 
 #: Extensions of bags.
 BAG_SUFFIXES = ('.mcap', '.db3')
@@ -179,24 +181,63 @@ def _in_order(metadata: Path, files: dict[str, Path]) -> BagFiles:
         f'are not read, such as {printable(others[0])}') if others else '')
 
 
-def continues(before: Path, after: Path) -> bool:
+class _Part(NamedTuple):
     """
-    Return whether a file of a bag is the next one of the same recording.
+    A file of a bag, as far as it matters which one is the next of its recording.
 
-    Its name has the next number, it has the same topics, and it begins when the other one ends.
-
-    :raises BagError: a file cannot be read as a bag.
-    :raises OSError: a file cannot be read.
+    :param recording: identifier of the recording; '' if the file has none.
+    :param topics: topics with messages.
     """
-    one, two = (_NUMBERED.fullmatch(Path(_unpacked_name(path)).stem) for path in (before, after))
-    if not one or not two or before.parent != after.parent or (
-            (one[1], int(one[2]) + 1, one[3]) != (two[1], int(two[2]), two[3])):
-        return False
-    with closing(open_bag_file(before)) as first, closing(open_bag_file(after)) as second:
-        return (first.first_ns < second.first_ns and first.last_ns < second.last_ns
-                and -_OVERLAP_NS <= second.first_ns - first.last_ns <= _PAUSE_NS
-                and any(first.topics.get(topic) for topic, count in second.topics.items()
-                        if count))
+
+    path: Path
+    recording: str
+    first_ns: int
+    last_ns: int
+    topics: frozenset[BagTopic]
+
+    def precedes(self, after: _Part) -> bool:
+        """
+        Return whether another file is the next one of the same recording.
+
+        Both have its identifier. If one has none, the name has the next number, both have a topic,
+        and the other file begins when this one ends.
+        """
+        if self.path.parent != after.path.parent or not (
+                self.first_ns < after.first_ns and self.last_ns < after.last_ns
+                and after.first_ns - self.last_ns >= -_OVERLAP_NS):
+            return False
+        if self.recording or after.recording:
+            return self.recording == after.recording
+        one, two = (_NUMBERED.fullmatch(Path(_unpacked_name(path)).stem)
+                    for path in (self.path, after.path))
+        return bool(one and two and self.topics & after.topics
+                    and (one[1], int(one[2]) + 1, one[3]) == (two[1], int(two[2]), two[3])
+                    and after.first_ns - self.last_ns <= _PAUSE_NS)
+
+
+def recordings(paths: Collection[Path]) -> list[list[Path]]:
+    """
+    Return the files of each recording, such as those of a split or of a ring.
+
+    :param paths: bags in their order; a folder, and a file that cannot be read, is alone.
+    """
+    found: list[list[Path]] = []
+    if len(paths) < 2:
+        return [[*paths]]
+    ends: dict[str, tuple[_Part, list[Path]]] = {}  # by identifier; those without are in ''
+    for path in paths:
+        files = [path]
+        with suppress(BagError, OSError), closing(open_bag_file(path)) as reader:
+            part = _Part(path, recording_of(reader.metadata), reader.first_ns, reader.last_ns,
+                         frozenset(topic for topic, count in reader.topics.items() if count))
+            before = ends.get(part.recording)
+            if before and before[0].precedes(part):
+                files = before[1]
+                files.append(path)
+            ends[part.recording] = part, files
+        if files == [path]:
+            found.append(files)
+    return found
 
 
 def open_bag_file(path: Path) -> BagReader:
@@ -240,10 +281,14 @@ class Bag:
         self.warnings = [found.warning] if found.warning else []
         #: Number of messages of each topic.
         self.topics: Counter[BagTopic] = Counter()
+        #: Name and contents of each metadata record; begins of the same recording are there once.
+        self.metadata: list[tuple[str, dict[str, str]]] = []
         times: list[int] = []
         for file in self.paths:
             with closing(open_bag_file(file)) as reader:
                 self.topics.update(reader.topics)
+                self.metadata += [one for one in reader.metadata
+                                  if has_account([one]) or one not in self.metadata]
                 self.warnings += [reader.warning] if reader.warning else []
                 times += [reader.first_ns, reader.last_ns] if any(reader.topics.values()) else []
         #: Times of the first and the last message, in nanoseconds; 0 for an empty bag.

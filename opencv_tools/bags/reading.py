@@ -125,13 +125,14 @@ class BagReader(Protocol):
     A bag that is open for reading.
 
     ``topics`` has the number of messages of each topic. ``first_ns`` and ``last_ns`` are the
-    times of the first and the last message. ``warning`` describes a bag that is cut off; '' for a
-    complete bag.
+    times of the first and the last message. ``metadata`` has the name and the contents of each
+    metadata record. ``warning`` describes a bag that is cut off; '' for a complete bag.
     """
 
     topics: dict[BagTopic, int]
     first_ns: int
     last_ns: int
+    metadata: list[tuple[str, dict[str, str]]]
     warning: str
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:

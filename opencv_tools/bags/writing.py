@@ -22,7 +22,7 @@ written. The pixels go to the file from their own memory, without a copy.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -32,11 +32,13 @@ from pathlib import Path
 from typing import Any
 import zlib
 
+from opencv_tools.bags.account import Metadata
 from opencv_tools.bags.errors import check_mcap
-from opencv_tools.bags.mcap_reader import (
+from opencv_tools.bags.mcap_records import (
     CHANNEL_CODE, CHUNK, CHUNK_CODE, CHUNK_INDEX_BYTES, CHUNK_INDEX_CODE, COUNT_BYTES,
-    DATA_END_BYTES, FOOTER, INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX, RECORD,
-    SCHEMA_CODE, STATISTICS_BYTES, STATISTICS_CODE, SUMMARY_OFFSET_BYTES)
+    DATA_END_BYTES, FOOTER, INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX,
+    METADATA_INDEX_CODE, RECORD, SCHEMA_CODE, STATISTICS_BYTES, STATISTICS_CODE,
+    SUMMARY_OFFSET_BYTES)
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.base.arguments import package_version
 from opencv_tools.base.regular_files import try_lock, write_buffer
@@ -133,11 +135,22 @@ class BagIndex:
         self._start_ns, self._end_ns = MAX_TIME, 0
         self._chunk_count = 0
         self._records = {code: bytearray() for code in (
-            SCHEMA_CODE, CHANNEL_CODE, STATISTICS_CODE, CHUNK_INDEX_CODE)}
+            SCHEMA_CODE, CHANNEL_CODE, STATISTICS_CODE, CHUNK_INDEX_CODE, METADATA_INDEX_CODE)}
 
     def add_record(self, code: int, record: bytes) -> None:
         """Add the record of a schema or of a channel, which the summary repeats."""
         self._records[code] += record
+
+    def add_metadata(self, metadata: Iterable[Metadata], offset: int) -> bytes:
+        """Add metadata records at an offset of the file, and return their bytes."""
+        from mcap import records
+        data = b''
+        for name, values in metadata:
+            record = encode_record(records.Metadata(name=name, metadata=dict(values)))
+            self._records[METADATA_INDEX_CODE] += encode_record(records.MetadataIndex(
+                offset=offset + len(data), length=len(record), name=name))
+            data += record
+        return data
 
     def add_chunk(self, chunk: OpenChunk, offsets: dict[int, int], length: int) -> None:
         """
@@ -166,7 +179,8 @@ class BagIndex:
         channels = self._records[CHANNEL_CODE]
         return (DATA_END_BYTES + sum(sizes) + STATISTICS_BYTES + FOOTER.size + len(MAGIC)
                 + COUNT_BYTES * count_records(channels)
-                + SUMMARY_OFFSET_BYTES * len(self._records))
+                + SUMMARY_OFFSET_BYTES * (
+                    len(self._records) - (not self._records[METADATA_INDEX_CODE])))
 
     def end(self, position: int) -> bytes:
         """
@@ -180,7 +194,8 @@ class BagIndex:
             message_count=sum(self.counts.values()),
             schema_count=count_records(self._records[SCHEMA_CODE]),
             channel_count=count_records(self._records[CHANNEL_CODE]),
-            attachment_count=0, metadata_count=0, chunk_count=self._chunk_count,
+            attachment_count=0, chunk_count=self._chunk_count,
+            metadata_count=count_records(self._records[METADATA_INDEX_CODE]),
             message_start_time=self._start_ns if has_messages else 0,
             message_end_time=self._end_ns, channel_message_counts=self.counts)))
         data_end = encode_record(DataEnd(data_section_crc=0))
@@ -189,7 +204,8 @@ class BagIndex:
         for code, records in self._records.items():
             groups += records
             offsets += encode_record(SummaryOffset(
-                group_opcode=code, group_start=offset, group_length=len(records)))
+                group_opcode=code, group_start=offset, group_length=len(records))) if (
+                    records) else b''
             offset += len(records)
         summary = groups + offsets
         footer = Footer(summary_start=start, summary_offset_start=offset, summary_crc=0)
@@ -232,11 +248,12 @@ class BagChannel:
 class BagWriter:
     """A new bag; used by one thread at a time."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, metadata: Sequence[Metadata] = ()) -> None:
         """
         Create the file and lock it until it is closed.
 
         :param path: path of the file, usually with the extension ``.mcap``.
+        :param metadata: metadata records at the begin of the file.
         :raises BagError: the library mcap is not installed.
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.
@@ -259,6 +276,7 @@ class BagWriter:
             try_lock(self._file.fileno())
             header = Header(profile=PROFILE, library=f'{LIBRARY} {package_version()}')
             self._append(MAGIC + encode_record(header))
+            self._append(self._index.add_metadata(metadata, self.size))
         except BaseException:
             self._file.close()
             path.unlink(missing_ok=True)
@@ -269,9 +287,9 @@ class BagWriter:
         """SHA-256 digest of a closed file, in hexadecimal digits."""
         return self._digest.hexdigest()
 
-    def size_with(self, channel: BagChannel, data_bytes: int) -> int:
+    def size_with(self, channel: BagChannel | None, data_bytes: int) -> int:
         """Return the largest size in bytes that the closed file has with another message."""
-        missing = self._missing_records(channel)
+        missing = self._missing_records(channel) if channel else []
         added = sum(2 * len(record) for _, record in missing) + bool(missing) * COUNT_BYTES
         indexes = self._index.end_bytes + (self._chunk.index_bytes if self._chunk else 0)
         return self.size + indexes + added + MESSAGE_BYTES + data_bytes
@@ -330,18 +348,20 @@ class BagWriter:
             with suppress(OSError):  # the next message ends the chunk, or its error is raised
                 self._end_chunk()
 
-    def close(self) -> None:
+    def close(self, metadata: Sequence[Metadata] = ()) -> None:
         """
         Write the summary and close the file.
 
-        :raises OSError: the summary cannot be written; the file has all messages, and
+        :param metadata: metadata records before the summary.
+        :raises OSError: both cannot be written; the file has all messages, and
             ``finish_bag`` can finish it.
         """
         if self._file.closed:
             return
         try:
             self._end_chunk()
-            self._append(self._index.end(self.size))
+            records = self._index.add_metadata(metadata, self.size)
+            self._append(records + self._index.end(self.size + len(records)))
         finally:
             if self._pages:
                 self._pages.shutdown(wait=True, cancel_futures=True)

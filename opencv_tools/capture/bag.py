@@ -77,6 +77,8 @@ class BagSource:
         self.paths = self._bag.paths
         #: Sentences about parts of the bag that are missing.
         self.warnings = self._bag.warnings
+        #: Name and contents of each metadata record.
+        self.metadata = self._bag.metadata
         #: Topic of the images.
         self.topic = _select(self.name, topic, counts)
         #: Number of messages of each topic of the bag.

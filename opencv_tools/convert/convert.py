@@ -354,6 +354,7 @@ class _Conversion:
         if isinstance(source, BagSource) and isinstance(sink, BagSink):
             channel = channel_of(source.topic)
             others = self._others = OtherTopics(source, request.topics.split(','), recorder)
+            sink.copy_metadata(source.metadata)
         begin_ns, end_ns, received = (-1 if request.start else 0), 0, None
         try:
             for number, frame in frames:

@@ -28,8 +28,7 @@ from pathlib import Path
 import signal
 from threading import Thread
 
-from opencv_tools.bags.errors import BagError
-from opencv_tools.bags.open_bag import BAG_SUFFIXES, continues, is_bag
+from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag, recordings
 from opencv_tools.base.regular_files import user_path
 from opencv_tools.base.signals import ignore_signals
 from opencv_tools.base.text import printable, without_password
@@ -81,21 +80,10 @@ def find_jobs(source: str, parts: Path) -> list[Job]:
                            f'({", ".join(BAG_SUFFIXES)}), a folder or a pattern')
     if len(found) > _MOST_BAGS:
         raise DatasetError(f'{without_password(source)} has more than {_MOST_BAGS} bags')
-    groups: list[tuple[str, list[Path]]] = []
-    for bag, name in sorted(found, key=lambda pair: natural_key(pair[1])):
-        if groups and _continues(groups[-1][1][-1], bag.absolute()):
-            groups[-1][1].append(bag.absolute())
-        else:
-            groups.append((name, [bag.absolute()]))
-    return [Job(files[0], name, part_folder(parts.absolute(), name),
-                tuple(files) if len(files) > 1 else ()) for name, files in groups]
-
-
-def _continues(before: Path, after: Path) -> bool:
-    try:
-        return continues(before, after)
-    except (BagError, OSError):
-        return False  # its conversion says why
+    names = {bag.absolute(): name for bag, name in sorted(
+        found, key=lambda pair: natural_key(pair[1]))}
+    return [Job(files[0], names[files[0]], part_folder(parts.absolute(), names[files[0]]),
+                tuple(files) if len(files) > 1 else ()) for files in recordings(names)]
 
 
 def _matching_bags(pattern: Path) -> list[tuple[Path, str]]:

@@ -16,15 +16,18 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterable
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 import time
 from typing import Any, ClassVar
+import uuid
 
+from opencv_tools.bags.account import (
+    account_bytes, account_record, begin_record, Counts, Metadata, REPEATED, WRITTEN)
 from opencv_tools.bags.channels import kept_messages
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.base.units import NANO
@@ -152,14 +155,40 @@ class MessageBatch(ReceivedFrame, Prepared):
         return self.messages[0].log_ns
 
 
+class Losses:
+    """The messages that no file has, by topic; each file has those since the one before."""
+
+    def __init__(self) -> None:
+        #: Returns all counts until now; None for a copy, which has the account of its source.
+        self.read: Callable[[], Counts] | None = None
+        self._stored: dict[str, Counter[str]] = {}
+
+    def account(self, written: Counter[str], repeated: Counter[str]) -> Counts:
+        """Return the account of a file."""
+        found = {topic: Counter(of) - self._stored.get(topic, Counter[str]())
+                 for topic, of in (self.read() if self.read else {}).items()}
+        for topic in written | repeated:
+            found.setdefault(topic, Counter()).update(
+                {WRITTEN: written[topic], REPEATED: repeated[topic]})
+        return found
+
+    def store(self, account: Counts) -> None:
+        """Note that the account of a file is complete in it."""
+        for topic, of in account.items():
+            self._stored.setdefault(topic, Counter()).update(of)
+
+
 class BagFile:
     """A bag as a file of frames; see `FileWriter`."""
 
-    def __init__(self, path: Path, room: Room) -> None:
+    def __init__(self, path: Path, room: Room, metadata: Sequence[Metadata],
+                 losses: Losses | None = None) -> None:
         """
         Create the file.
 
         :param room: asked before each message.
+        :param metadata: records at the begin of the file.
+        :param losses: the rest of the account at its end; None for no account.
         :raises FileExistsError: the file exists; it is not changed.
         :raises OSError: the file cannot be written.
         """
@@ -169,7 +198,10 @@ class BagFile:
         self.is_begun = False  # whether it has the latched messages of earlier files
         self._path = path
         self._room = room
-        self._writer = BagWriter(path)
+        self._losses = losses
+        self._written, self._repeated = Counter[str](), Counter[str]()
+        self._account_bytes = account_bytes(()) if losses else 0
+        self._writer = BagWriter(path, metadata)
         self.is_at_path = self._writer.is_at_path
 
     @property
@@ -216,18 +248,22 @@ class BagFile:
         """
         if not self.is_begun:
             for message in messages:
-                self._write(replace(message, log_ns=log_ns))
+                self._write(replace(message, log_ns=log_ns), self._repeated)
         self.is_begun = True
 
-    def _write(self, message: RecordedMessage) -> bool:
-        """Write a message if there is room for it."""
-        if not self._room(self._writer.size_with(message.channel, message.size)):
+    def _write(self, message: RecordedMessage, counts: Counter[str] | None = None) -> bool:
+        """Write a message if there is room for it; count it as written, or in other counts."""
+        topic, counts = message.channel.topic, self._written if counts is None else counts
+        is_new = self._losses and topic not in self._written and topic not in self._repeated
+        account = self._account_bytes + (account_bytes((topic,)) if is_new else 0)
+        if not self._room(self._writer.size_with(message.channel, message.size) + account):
             return False
         self.bytes_waiting = message.size
         self._writer.write(
             message.channel, message.parts, log_ns=message.log_ns, publish_ns=message.publish_ns,
             sequence=message.number)
-        self.bytes_waiting = 0
+        self.bytes_waiting, self._account_bytes = 0, account
+        counts[topic] += 1
         return True
 
     def close(self) -> None:
@@ -237,8 +273,11 @@ class BagFile:
         :raises OSError: the summary cannot be written; the next recording writes it.
         """
         try:
-            self._writer.close()
+            account = self._account()
+            self._writer.close([account_record(account)] if account else ())
             self.is_finished = True
+            if self._losses:
+                self._losses.store(account)
         except OSError as err:
             raise OSError(
                 err.errno, f'{err.strerror}: {self._path.name} has no index yet, which the next '
@@ -246,6 +285,17 @@ class BagFile:
         finally:
             if not (self.frames or self.others) and self.is_at_path():
                 self._path.unlink(missing_ok=True)
+
+    def _account(self) -> Counts:
+        """Return the account of the file, as far as it has room for other topics than its own."""
+        if not self._losses or not (self.frames or self.others):
+            return {}
+        account, own = self._losses.account(self._written, self._repeated), {
+            *self._written, *self._repeated}
+        size = self._writer.size_with(None, account_bytes([*account]))
+        if account.keys() <= own or self._room(size):
+            return account
+        return {topic: account[topic] for topic in own}
 
     def measured(self, entry: ManifestEntry) -> ManifestEntry:
         """Return a manifest entry with the size, and the digest if the file is finished."""
@@ -266,6 +316,10 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         self._has_video = False  # the last frame
         # The last messages of each topic that a late subscriber would get, also in a next file.
         self._latched: dict[BagChannel, deque[RecordedMessage]] = {}
+        self._recording = uuid.uuid4().hex
+        #: Records of the bag that is copied; None for a recording.
+        self.copied: Sequence[Metadata] | None = None
+        self.losses = Losses()
 
     def prepare(self, frame: ReceivedFrame) -> _Prepared:
         """Convert a frame to a message, without a copy of unchanged data; see `FileFormat`."""
@@ -287,7 +341,10 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
                ) -> BagFile:
         """Create a bag; see `FileFormat`."""
-        return BagFile(path, room)
+        if self.copied is not None:
+            return BagFile(path, room, self.copied)
+        repeated = {channel.topic: len(messages) for channel, messages in self._latched.items()}
+        return BagFile(path, room, [begin_record(self._recording, repeated)], self.losses)
 
     def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: _Prepared,
               ) -> ManifestEntry:
@@ -354,6 +411,19 @@ class BagSink(FileSink[BagFile, _Prepared]):
     ) -> None:
         self._bags = BagFormat(settings)
         super().__init__(folder, numbering, limits, self._bags, monotonic)
+
+    def copy_metadata(self, metadata: Sequence[Metadata]) -> None:
+        """Write these metadata records of a bag that is copied, with its account."""
+        self._bags.copied = metadata
+
+    def read_losses(self, read: Callable[[], Counts]) -> None:
+        """
+        Set the counts for the accounts in the files.
+
+        :param read: returns for each topic how many messages are in no file until now, by what
+            became of them; called on any thread.
+        """
+        self._bags.losses.read = read
 
     def add_message(self, message: RecordedMessage) -> None:
         """

@@ -177,6 +177,12 @@ class FrameCounts:
     def __add__(self, other: FrameCounts) -> FrameCounts:
         return FrameCounts(*map(add, astuple(self), astuple(other)))
 
+    def losses(self, lost: int = 0) -> dict[str, int]:
+        """Return the number of the frames that are in no file, by what became of them."""
+        return {'dropped': self.dropped, 'failed': self.failed, 'skipped': self.skipped,
+                'left out': self.left_out, 'not processed': self.unprocessed,
+                'lost in transit': lost}
+
 
 @dataclass(frozen=True)
 class _Job:

@@ -24,7 +24,7 @@ import re
 import struct
 from typing import Any
 
-from bag_readers import decode, read_by_all
+from bag_readers import account_of, decode, read_by_all
 from conftest import NodeProcess, spin_until
 from mcap.reader import SeekingReader
 import numpy as np
@@ -219,6 +219,11 @@ def test_beside_frames(
     frames, kept, dropped, skipped = (int(summary[part] or 0) for part in (1, 2, 3, 5))
     assert frames == kept + dropped + skipped
     assert kept == sum(hasattr(one, 'encoding') for one in decoded)
+    account = account_of(sorted(tmp_path.glob('*.mcap')))
+    assert [account['/joints'][name] for name in ('written', 'dropped', 'lost in transit')] == [
+        written, not_written, lost]
+    assert [account['/video_frames'][name] for name in ('written', 'dropped', 'skipped')] == [
+        kept, dropped, skipped]
 
 
 @pytest.mark.parametrize('topics', ['/*', '/camera_info', '/cam*'])

@@ -16,7 +16,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
+import json
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +67,29 @@ def read_by_rosbags(path: Path) -> list[Stored]:
                 reader.messages(reader.connections, None, None)]
     finally:
         reader.close()
+
+
+def metadata_of(path: Path) -> list[tuple[str, dict[str, str]]]:
+    """Read the metadata records with mcap, by their indexes."""
+    with path.open('rb') as file:
+        return [(record.name, record.metadata)
+                for record in _mcap.SeekingReader(file).iter_metadata()]
+
+
+def account_of(paths: Iterable[Path]) -> dict[str, Counter[str]]:
+    """Return the account of some files by topic; the messages in the files are as many."""
+    found: dict[str, Counter[str]] = {}
+    for path in paths:
+        own: dict[str, Counter[str]] = {}
+        for name, values in metadata_of(path):
+            if name == 'opencv_tools' and 'account' in values:
+                for topic, counts in json.loads(values['account']).items():
+                    own.setdefault(topic, Counter()).update(counts)
+                    found.setdefault(topic, Counter()).update(counts)
+        stored = Counter(one.topic for one in read_indexed(path))
+        assert {topic: counts['written'] + counts['repeated'] for topic, counts in own.items()
+                if counts['written'] + counts['repeated']} == stored
+    return found
 
 
 def decode(path: Path) -> list[Any]:

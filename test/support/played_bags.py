@@ -73,11 +73,13 @@ def compressed_entry(number: int, data: Any, format_text: str = 'jpeg') -> Entry
 
 
 def write_mcap(path: Path, entries: Iterable[Entry], encoding: str = 'cdr',
-               **options: Any) -> Path:
+               metadata: Iterable[tuple[str, dict[str, str]]] = (), **options: Any) -> Path:
     """Write a bag with the library mcap, whose options are keywords."""
     with path.open('wb') as file:
         writer = Writer(file, **options)
         writer.start('ros2', 'test')
+        for record in metadata:
+            writer.add_metadata(*record)
         channels: dict[tuple[str, ...], int] = {}
         schemas: dict[tuple[str, str], int] = {}
         for number, entry in enumerate(entries):

@@ -16,11 +16,12 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Callable, Container, Sequence
+from collections import Counter
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event, Lock, Thread
 import time
 
 from opencv_tools.bags.offered_qos import offered_qos_text
@@ -74,6 +75,11 @@ class RecordedTopic:
                 f'transit{self.order.uncounted("message")}'
                 + self._unwritten('not processed', 'skipped'))
 
+    @property
+    def losses(self) -> dict[str, int]:
+        """Counts of the messages that are in no bag, by what became of them."""
+        return {**self.unwritten, 'lost in transit': self.order.count}
+
     def _unwritten(self, *names: str) -> str:
         return ''.join(f', {count} {name}' for name in names if (count := self.unwritten[name]))
 
@@ -103,7 +109,7 @@ class MessageBatches:
         self._log = log
         self._taken: list[_Taken] = []
         self._bytes = 0
-        self._finished: deque[tuple[list[_Taken], MessageBatch, Path | Unwritten]] = deque()
+        self._counting = Lock()
 
     def add(self, topic: RecordedTopic, message: RecordedMessage) -> None:
         """Add a message, and record the batch if it is large."""
@@ -122,23 +128,23 @@ class MessageBatches:
         batch = MessageBatch(
             metadata=FrameMetadata(first, '', '', self._image_topic), receive_ns=first,
             messages=tuple(message for _, message in taken))
-        self._put(batch, lambda outcome: self._finished.append((taken, batch, outcome)))
+        self._put(batch, partial(self._count, taken, batch))
 
-    def count_finished(self) -> None:
-        """Count the messages of batches that were written or have failed."""
-        while self._finished:
-            taken, batch, outcome = self._finished.popleft()
+    def _count(self, taken: list[_Taken], batch: MessageBatch, outcome: Path | Unwritten) -> None:
+        """Count the messages of a batch that were written or have failed; on any thread."""
+        with self._counting:
             for topic, _ in taken[:batch.result.written]:
                 topic.written += 1
             if isinstance(outcome, Unwritten):
                 for topic, _ in taken[batch.result.written:]:
                     topic.unwritten[outcome.kind] += 1
 
-    def take_all(self, topic: RecordedTopic) -> None:
-        """Take and add the messages of a topic that have arrived."""
-        for _ in range(_MAX_TAKEN):
-            if not self._take(topic):
-                break
+    def take_all(self, topics: Iterable[RecordedTopic]) -> None:
+        """Take and add the messages of topics that have arrived."""
+        for topic in topics:
+            for _ in range(_MAX_TAKEN):
+                if not self._take(topic):
+                    break
 
     def _take(self, topic: RecordedTopic) -> bool:
         """Take a message; return whether there was one."""
@@ -263,6 +269,13 @@ class TopicRecorder:
             if topic.reader:
                 topic.reader.destroy()
 
+    def losses(self) -> dict[str, dict[str, int]]:
+        """Return for each topic how many messages are in no bag until now; on any thread."""
+        found: dict[str, Counter[str]] = {}
+        for (name, *_), topic in [*self._accounts.items()]:
+            found.setdefault(name, Counter()).update(topic.losses)
+        return {**found}
+
     def log_summary(self) -> bool:
         """
         Log the account of the messages of each topic.
@@ -270,7 +283,6 @@ class TopicRecorder:
         :returns: False if the recording of the topics has failed. Messages that were dropped, and
             those that could not be written, are reported by the recorder.
         """
-        self._batches.count_finished()
         counts = Counter(name for name, *_ in self._accounts)
         for key in sorted(self._accounts):
             self._log.info(self._accounts[key].account(with_type=counts[key[0]] > 1))
@@ -297,11 +309,11 @@ class TopicRecorder:
             if now >= discovered_at + _DISCOVERY_SECONDS:
                 self._discover()
                 discovered_at = now
-            self._take_all()
+            self._batches.take_all(self._topics.values())
             if now >= flushed_at + _BATCH_SECONDS:
                 self._batches.flush()
                 flushed_at = now
-        self._take_all()
+        self._batches.take_all(self._topics.values())
 
     def _discover(self) -> None:
         """Subscribe to the topics that have appeared."""
@@ -363,7 +375,7 @@ class TopicRecorder:
     def _unsubscribe(self, topic: RecordedTopic) -> None:
         """Record the messages that have arrived, and unsubscribe."""
         if topic.reader:
-            self._batches.take_all(topic)
+            self._batches.take_all([topic])
             topic.reader.destroy()
         topic.reader = topic.qos = None
 
@@ -400,11 +412,6 @@ class TopicRecorder:
         self._topics[name] = self._accounts[key] = topic
         self._log.info(f'Recording {name} ({definition.name})')
         return True
-
-    def _take_all(self) -> None:
-        for topic in self._topics.values():
-            self._batches.take_all(topic)
-        self._batches.count_finished()
 
 
 def _identifiers(publishers: list[TopicEndpointInfo]) -> frozenset[bytes]:

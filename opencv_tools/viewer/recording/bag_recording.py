@@ -72,6 +72,7 @@ class RecordedImages:
         :raises ParameterError: the topic cannot be subscribed to.
         """
         self.heard_at = time.monotonic()  # time of the last frame, or of the beginning
+        self.recorded_topic = topic.name
         self._session = session
         self._subscription = FrameSubscription(
             node, topic.name, log, self._receive, self._count_unreadable,
@@ -102,7 +103,7 @@ class RecordedImages:
         except ImageError as err:
             self._count_unreadable(err)
             return
-        self.heard_at = time.monotonic()
+        self.heard_at, self.recorded_topic = time.monotonic(), frame.channel.topic
         self._session.record(frame)
 
     def _count_unreadable(self, _: ImageError) -> None:
@@ -126,6 +127,7 @@ class BagRecording(RecordingSession):
         self._began = time.monotonic()
         self._sink = sink
         self._topics: dict[str, RecordedImages] = {}
+        sink.read_losses(self._losses)
         self._info_topics: dict[str, str] = {}  # image topic beside each camera_info
         self._finishing = Lock()
         self._seconds = -1.0  # after the end
@@ -172,6 +174,12 @@ class BagRecording(RecordingSession):
             'lost': sum(topic.lost for topic in self._topics.values()),
             'failed': counts.failed, 'bytes': self.written_bytes, 'left': self._sink.left,
             'name': self.path.name if self.path else '', 'problem': self._describe_problem()}
+
+    def _losses(self) -> dict[str, dict[str, int]]:
+        """Return how many frames of each topic are in no bag; some counts are of all topics."""
+        return {'all topics of images': self.counts.losses(), **{
+            topic.recorded_topic: {'lost in transit': topic.lost}
+            for topic in [*self._topics.values()]}}
 
     def _describe_problem(self) -> str:
         """Return what the user should know, as a sentence; '' for nothing."""

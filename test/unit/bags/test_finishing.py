@@ -27,7 +27,7 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.finishing import finish_bag, has_footer
-from opencv_tools.bags.mcap_reader import CHUNK, CHUNK_CODE, MESSAGE, MESSAGE_CODE, RECORD
+from opencv_tools.bags.mcap_records import CHUNK, CHUNK_CODE, MESSAGE, MESSAGE_CODE, RECORD
 from opencv_tools.bags.schemas import CAMERA_INFO, IMAGE
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.image.cdr import message_to_cdr_parts, WireHeader, WireImage

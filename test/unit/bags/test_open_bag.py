@@ -27,7 +27,7 @@ from opencv_tools.bags import compression
 from opencv_tools.bags.db3_reader import Db3Reader
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.mcap_reader import McapReader
-from opencv_tools.bags.open_bag import Bag, bag_files, continues, is_bag, open_bag_file
+from opencv_tools.bags.open_bag import Bag, bag_files, is_bag, open_bag_file, recordings
 from opencv_tools.bags.reading import BagMessage
 from played_bags import image_entry, write_mcap, write_rosbag2
 import pytest
@@ -179,8 +179,8 @@ def test_packed_files_of_a_split_follow_each_other(tmp_path: Path) -> None:
             7 * part, 7 * part + 7))))
     files = sorted(tmp_path.iterdir())
     assert len({*Bag(tmp_path / 'd_*', files).topics}) == 1
-    assert continues(files[0], files[1]) and continues(files[1], files[2])
-    assert not continues(files[0], files[2])
+    assert recordings(files) == [files]
+    assert recordings([files[0], files[2]]) == [[files[0]], [files[2]]]
 
 
 @pytest.mark.parametrize(('data', 'reason'), [

@@ -20,6 +20,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from bag_readers import metadata_of
 from dataset_bags import (
     BEGAN, Drive, joints_entry, jpeg_entry, NANO, plain_entry, with_definitions)
 from mcap.reader import make_reader
@@ -27,6 +28,7 @@ from opencv_tools.convert.cli import main
 from played_bags import Entry, write_mcap, write_rosbag2
 import pytest
 from rosbags.highlevel import AnyReader
+import zstandard
 
 Errors = pytest.CaptureFixture[str]
 TIME = '{sec: 9223372036, nsec: 854775807}'
@@ -99,6 +101,30 @@ def test_split_bag_is_joined(tmp_path: Path) -> None:
     assert main([str(tmp_path / 'd_*.mcap'), str(tmp_path / 'join.mcap')]) == 0
     expected = sorted((entry.topic, entry.log_ns, entry.data) for entry in whole)
     assert read_by_rosbags(tmp_path / 'join.mcap') == expected
+
+
+@pytest.mark.parametrize('count', [0, 1, 3, 200])
+@pytest.mark.parametrize('suffix', ['.mcap', '.mcap.zstd'])
+def test_metadata_records_are_copied(count: int, suffix: str, tmp_path: Path) -> None:
+    account = ('opencv_tools', {'account': '{"/a": {"written": 1}}'})
+    records = [(f'name {number}', {'key': 'x' * number, 'ü': ''}) for number in range(count)]
+    records += [account] * bool(count)
+    for part, entry in enumerate(entries(0.2, 6)):
+        source = write_mcap(tmp_path / f'd_{part}.mcap', [entry], metadata=[
+            ('opencv_tools', {'recording': 'abc'}), *records])
+        if suffix == '.mcap.zstd':
+            (tmp_path / f'{source.name}.zstd').write_bytes(
+                zstandard.compress(source.read_bytes()))
+            source.unlink()
+    assert main([str(tmp_path / f'd_*{suffix}'), str(tmp_path / 'join.mcap'), '--topic',
+                 FRAMES]) == 0
+    found = metadata_of(tmp_path / 'join.mcap')
+    assert [one for one in found if one != account] == [
+        ('opencv_tools', {'recording': 'abc'}), *records[:-1]]
+    assert found.count(account) == (part + 1) * bool(count)
+    assert main([str(tmp_path / 'join.mcap'), str(tmp_path / 'again.mcap'), '--topic',
+                 FRAMES]) == 0
+    assert metadata_of(tmp_path / 'again.mcap') == found
 
 
 def test_topics_are_chosen_and_the_others_are_named(tmp_path: Path, capsys: Errors) -> None:

@@ -220,6 +220,24 @@ def test_numbered_files_of_a_recording_are_one_bag(
         tmp_path / 'other/data/chunk-000/file-000.parquet').read_bytes()
 
 
+@pytest.mark.parametrize('pause', [0.0, 3.0, 1000.0, 77.7])
+def test_files_of_a_recording_are_known_by_its_identifier(pause: float, tmp_path: Path) -> None:
+    """Each second of two recordings is a file of one folder, with and without pauses."""
+    entries, begin = Drive(seconds=6).entries(), BEGAN
+    for second in range(6):
+        records = [('opencv_tools', {'recording': 'ab'[second in (2, 3, 5)]})]
+        part = [entry._replace(log_ns=entry.log_ns + round(second * pause * NANO))
+                for entry in entries if begin <= entry.log_ns < begin + NANO]
+        write_mcap(tmp_path / f'd_{second}.mcap', with_definitions(part), metadata=records)
+        begin += NANO
+    assert [(job.name, [path.name for path in job.files]) for job in find_jobs(
+        str(tmp_path), tmp_path)] == [
+            ('d_0.mcap', ['d_0.mcap', 'd_1.mcap', 'd_4.mcap']),
+            ('d_2.mcap', ['d_2.mcap', 'd_3.mcap', 'd_5.mcap'])]
+    (tmp_path / 'd_6.mcap').write_bytes((tmp_path / 'd_5.mcap').read_bytes())  # a copy
+    assert len(find_jobs(str(tmp_path), tmp_path)) == 3
+
+
 def test_numbered_files_with_a_pause_are_recordings_of_their_own(tmp_path: Path) -> None:
     split(tmp_path, Drive(seconds=1), [0.5], pause=1.2)
     assert names(tmp_path, tmp_path) == ['d_9.mcap', 'd_10.mcap']
