@@ -77,7 +77,7 @@ class RecordedTopic:
 
     @property
     def losses(self) -> dict[str, int]:
-        """Counts of the messages that are in no bag, by what became of them."""
+        """Messages that are in no bag, counted by what became of them."""
         return {**self.unwritten, 'lost in transit': self.order.count}
 
     def _unwritten(self, *names: str) -> str:
