@@ -212,7 +212,7 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1,
     if is_done(target, plan, state):
         return
     recording = read_recording(open_bag(Path(path), files), plan)
-    recording, episodes = rows_with_pictures(plan, recording, name)
+    recording, episodes, _ = rows_with_pictures(plan, recording, name)
     target.parent.mkdir(parents=True, exist_ok=True)
     work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')
     work.mkdir()

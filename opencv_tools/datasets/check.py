@@ -101,7 +101,7 @@ _IMAGES = ('image', 'video')
 
 
 def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
-                 columns: dict[str, Any] | None = None) -> Iterator[str]:
+                 columns: dict[str, Any]) -> Iterator[str]:
     """
     Yield what is wrong with the rows, the tasks and the statistics.
 
@@ -136,7 +136,7 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
         yield f'there are {rows} rows, but the episodes have {episodes[-1]["dataset_to_index"]}'
     if rows:
         joined = {name: np.concatenate(values) for name, values in seen.items()}
-        (columns if columns is not None else {}).update(joined)
+        columns.update(joined)
         yield from _statistics_problems(reader, joined)
 
 

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 import os
 from pathlib import Path
 
@@ -31,7 +30,7 @@ from opencv_tools.datasets.folders import check_target, locked_parts, remove_par
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
-from opencv_tools.datasets.pictures import row_pictures, rows_with_pictures
+from opencv_tools.datasets.pictures import rows_with_pictures
 from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
 from opencv_tools.datasets.row_values import shortened, topic_accounts
 from opencv_tools.datasets.set_writing import topic_lines, write_set
@@ -49,7 +48,7 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     """
     bag, name = open_bag(job.path, job.files), job.name
     recording = read_recording(bag, plan)
-    recording, episodes = rows_with_pictures(plan, recording, name)
+    recording, episodes, pictures = rows_with_pictures(plan, recording, name)
     uses: dict[str, list[str]] = {}
     for camera, topic in plan.images:
         uses.setdefault(topic, []).append(IMAGES + camera)
@@ -62,9 +61,7 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     kept = shortened(plan, episodes)
     rows = [len(one.times) for one in kept]
     for camera in plan.depth if any(rows) else ():
-        with closing(row_pictures(plan, recording, camera, kept)) as pictures:
-            _, picture = next(pictures)
-        codes = DepthImages(camera, codes_of(plan)).read(picture)
+        codes = DepthImages(camera, codes_of(plan)).read(pictures[camera])
         if plan.format == LEROBOT:
             check_depth_size(codes)
     yield f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes'
@@ -103,7 +100,7 @@ class Conversion:
         for job in self._jobs:
             if job.files:
                 log.info(f'{printable(job.name)} to {printable(job.files[-1].name)} are one '
-                         f'recording of {len(job.files)} files, by their numbers and times')
+                         f'recording of {len(job.files)} files')
         self._plan = self._resolved(plan, all_jobs)
 
     def run(self) -> int:

@@ -55,21 +55,23 @@ class _FirstPicturesError(DatasetError):
 
 
 def rows_with_pictures(plan: Plan, recording: Recording, bag: str,
-                       ) -> tuple[Recording, list[Rows]]:
+                       ) -> tuple[Recording, list[Rows], dict[str, OutputImage]]:
     """
     Return the samples and the rows of a bag, which begin with pictures that can be decoded.
 
     :param bag: name of the bag, for a table of episodes.
+    :returns: samples, rows of each episode, and the first picture of each camera.
     :raises DatasetError: a picture cannot be used, or as of `episodes_of`.
     """
     while True:
         attempt = replace(recording, warnings=[*recording.warnings])
         episodes = episodes_of(attempt, plan, bag)
+        first = {}
         try:
             for camera, _ in plan.images:
                 with closing(row_pictures(plan, attempt, camera, episodes)) as pictures:
-                    next(pictures)
-            return attempt, episodes
+                    first[camera] = next(pictures)[1]
+            return attempt, episodes, first
         except _FirstPicturesError as err:
             recording = err.without(recording)
 
