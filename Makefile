@@ -13,7 +13,7 @@
 # make test-network  test two hosts, and hosts with little shared memory; needs root
 # make test-interop  check robots with the parsers of Gazebo and ROS, video with FFmpeg; needs Debian
 # make test-ray      convert bags on a Ray cluster whose processes are killed
-# make test-lerobot  read data sets with LeRobot; installs 1.5 GB
+# make test-lerobot  read data sets with LeRobot; needs Python 3.12, installs 5.4 GB
 # make test-arm64    compare the parts without ROS on arm64 and here, with QEMU; needs Debian
 # make test-wheel    build the wheel, and use each extra where there is nothing else, without ROS
 # make test-docs     type the commands of README.md and docs into a terminal
@@ -293,12 +293,16 @@ print_size = @echo "$(1) has $$(du --summarize --human-readable $(1) | cut --fie
 	  --requirement requirements/ray.txt)
 	@touch $@
 
-# LeRobot needs other versions of the same libraries.
-.venv-lerobot/ready: requirements/lerobot.txt requirements/lerobot-alone.txt
-	@echo 'Installing LeRobot and torch into .venv-lerobot: 1.5 GB on the disk, three minutes'
-	@$(PYTHON) -m venv --clear .venv-lerobot
+# LeRobot needs other versions of the same libraries, and a newer Python.
+.venv-lerobot/ready: python = $(firstword $(shell for python in $(PYTHON) python3.13 python3.12; do \
+  $$python -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$python; \
+  done; true))
+.venv-lerobot/ready: requirements/lerobot.txt
+	@test -n '$(python)' || { echo 'LeRobot needs Python 3.12 or newer; select one with: make' \
+	  'test-lerobot PYTHON=/path/to/python3.12'; exit 1; }
+	@echo 'Installing LeRobot and torch into .venv-lerobot: 5.4 GB on the disk, five minutes'
+	@$(python) -m venv --clear .venv-lerobot
 	$(call pip_install,.venv-lerobot,--requirement requirements/lerobot.txt)
-	$(call pip_install,.venv-lerobot,--quiet --no-deps --requirement requirements/lerobot-alone.txt)
 	@touch $@
 
 %/docs: %/ready requirements/docs.txt | %/installed

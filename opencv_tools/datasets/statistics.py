@@ -46,11 +46,8 @@ def numbers_statistics(values: NDArray[Any]) -> Statistics:
 
     :param values: (n, d) numbers, n at least 1.
     """
-    found = _joined_columns([_column_statistics(column, np.ones(len(column)))
-                             for column in values.T], len(values))
-    if values.dtype.kind == 'i':  # LeRobot keeps the type, in which large integers are exact
-        found |= {'min': values.min(axis=0), 'max': values.max(axis=0)}
-    return found
+    return _joined_columns([_column_statistics(column, np.ones(len(column)))
+                            for column in values.T], len(values))
 
 
 def sampled_rows(count: int) -> NDArray[np.int64]:

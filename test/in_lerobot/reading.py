@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""LeRobot, and what its decoder of videos needs without CUDA."""
+"""LeRobot, which decodes videos with PyAV."""
 
 from __future__ import annotations
 
@@ -21,22 +21,15 @@ import os
 from pathlib import Path
 from typing import Any
 
+from lerobot.datasets import streaming_dataset
+from lerobot.datasets.aggregate import aggregate_datasets
+from lerobot.datasets.compute_stats import (
+    aggregate_stats, compute_episode_stats, get_feature_stats, sample_images)
+from lerobot.datasets.lerobot_dataset import LeRobotDataset
+from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset
+from lerobot.datasets.video_utils import decode_video_frames_pyav
 import numpy as np
 import torch
-
-# The compiled part of torchvision fits one build of torch only. LeRobot uses none of it, but the
-# import of torchvision describes this operator.
-_LIBRARY = torch.library.Library('torchvision', 'DEF')
-if not hasattr(torch.ops.torchvision, 'nms'):
-    _LIBRARY.define('nms(Tensor dets, Tensor scores, float iou_threshold) -> Tensor')
-
-from lerobot.datasets import streaming_dataset  # noqa: E402, I100
-from lerobot.datasets.aggregate import aggregate_datasets  # noqa: E402
-from lerobot.datasets.compute_stats import (  # noqa: E402
-    aggregate_stats, compute_episode_stats, get_feature_stats, sample_images)
-from lerobot.datasets.lerobot_dataset import LeRobotDataset  # noqa: E402
-from lerobot.datasets.streaming_dataset import StreamingLeRobotDataset  # noqa: E402
-from lerobot.datasets.video_utils import decode_video_frames_torchvision  # noqa: E402
 
 __all__ = ['CAMERAS', 'FOLDER', 'LeRobotDataset', 'StreamingLeRobotDataset',
            'aggregate_datasets', 'aggregate_stats', 'compute_episode_stats', 'expected',
@@ -48,10 +41,10 @@ _BITS, _CELL = 16, 16
 
 
 def _decode(path: str, times: list[float], tolerance: float, **_: Any) -> torch.Tensor:
-    return decode_video_frames_torchvision(path, times, tolerance, 'pyav')
+    return decode_video_frames_pyav(path, times, tolerance)
 
 
-# torchcodec, the only decoder of this class, needs the libraries of CUDA.
+# torchcodec, the decoder of colours of this class, needs the libraries of FFmpeg.
 streaming_dataset.decode_video_frames_torchcodec = _decode
 
 

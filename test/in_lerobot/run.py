@@ -34,8 +34,14 @@ import tempfile
 PROJECT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(PROJECT), str(PROJECT / 'test' / 'support')]
 
-from dataset_bags import BEGAN, Drive, joint_values, NANO  # noqa: E402
+from dataset_bags import BEGAN, Drive, joint_values, NANO, with_definitions  # noqa: E402
+import numpy as np  # noqa: E402
 from opencv_tools.convert.cli import main as img_convert  # noqa: E402
+from opencv_tools.image.cdr import image_to_cdr, WireHeader  # noqa: E402
+from opencv_tools.image.encodings import find_encoding  # noqa: E402
+from opencv_tools.image.layout import array_to_wire  # noqa: E402
+from played_bags import Entry, write_mcap  # noqa: E402
+from pyarrow import parquet  # noqa: E402
 
 FPS = 25
 CAMERAS = {'front': '/cam0/image_raw/compressed', 'wrist': '/cam1/image_raw/compressed'}
@@ -65,6 +71,8 @@ SETS = {
     'vectors': (Bag(Drive(seconds=1.0, topics=()), 'pick'),
                 Bag(Drive(seconds=2.0, topics=()), 'push')),
 }
+#: Options of the sets of depth.
+DEPTHS = {'depth': (), 'depth_linear': ('--depth-range', '0:4', '--depth-scale', 'linear')}
 
 
 def convert(*words: object) -> None:
@@ -76,23 +84,38 @@ def convert(*words: object) -> None:
 
 def write_set(folder: Path, name: str) -> None:
     """Write the bags of a set, the pictures of its first camera, and the set of a shard a bag."""
-    shards = []
+    bags, shards = folder / f'bags_{name}', []
+    bags.mkdir()
+    table = folder / f'{name}.csv'
+    table.write_text('bag,start,end,task\n' + ''.join(
+        f'{name}_{number}.mcap,0,100,{bag.task}\n' for number, bag in enumerate(SETS[name])))
     for number, bag in enumerate(SETS[name]):
-        path = bag.drive.write(folder / f'{name}_{number}.mcap')
+        path = bag.drive.write(bags / f'{name}_{number}.mcap')
         if bag.drive.topics:
             pictures = folder / 'pictures' / f'{name}_{number}'
             pictures.mkdir(parents=True)
             convert(path, pictures / '{seq}.png', '--topic', CAMERAS['front'])
+    images = IMAGES if SETS[name][0].drive.topics else ()
+    for number in range(1, len(SETS[name]) + 1):
         shards.append(folder / f'shard_{name}_{number}')
-        convert(path, shards[-1], *VECTORS, *(IMAGES if bag.drive.topics else ()),
-                '--task', bag.task, '--shard', '1/1')
+        convert(bags, shards[-1], *VECTORS, *images, '--episodes', table,
+                '--shard', f'{number}/{len(SETS[name])}')
     convert('--merge', *shards, folder / name)
+    table = parquet.read_table(folder / name / 'data', columns=['episode_index', 'stamp_ns'])
+    stamps: list[list[list[int]]] = [[] for _ in SETS[name]]
+    for episode, shown in zip(*table.to_pydict().values()):
+        stamps[episode].append(shown)
     (folder / f'{name}.json').write_text(json.dumps(
-        [expected_rows(number, bag) for number, bag in enumerate(SETS[name])]))
+        [expected_rows(number, bag, stamps[number]) for number, bag in enumerate(SETS[name])]))
 
 
-def expected_rows(number: int, bag: Bag) -> list[dict[str, object]]:
-    """Return what the rows of an episode must have, by the definition of its bag."""
+def expected_rows(number: int, bag: Bag, stamps: list[list[int]]) -> list[dict[str, object]]:
+    """
+    Return what the rows of an episode must have, by the definition of its bag.
+
+    :param stamps: times of the samples of each row. The conversion chooses the time of the first
+        row within a period; the earliest one that is not before its samples has the same samples.
+    """
     drive = bag.drive
     pictures = [(drive.picture_ns(picture), picture) for picture in range(
         drive.first, round(drive.seconds * 30)) if picture not in drive.lost] if (
@@ -101,8 +124,13 @@ def expected_rows(number: int, bag: Bag) -> list[dict[str, object]]:
     begin, end = BEGAN, BEGAN + round(drive.seconds * 100) * step
     if pictures:
         begin, end = max(begin, pictures[0][0]), min(end, pictures[-1][0])
+    period = NANO // FPS
+    first = max(max(shown) - row * period for row, shown in enumerate(stamps))
+    times = [first + row * period for row in range(len(stamps) + 1)]  # with the last action
+    assert begin <= first < begin + period
+    assert end - 2 * period < times[-1] <= end + 1000
     rows: list[dict[str, object]] = []
-    for time in range(begin, end + 1, NANO // FPS):
+    for time in times:
         shown = [picture for time_ns, picture in pictures if time_ns <= time]
         joints = joint_values(BEGAN + (time - BEGAN) // step * step)
         rows.append({
@@ -115,6 +143,29 @@ def expected_rows(number: int, bag: Bag) -> list[dict[str, object]]:
     return rows[:-1]
 
 
+def write_depth(folder: Path, name: str) -> None:
+    """Write two bags of depth, a set of them, and the depths in millimetres of its rows."""
+    rows, columns = np.mgrid[:48, :64]
+    for episode, count in enumerate((9, 40)):
+        entries = []
+        for number in range(count):
+            image = (400 + 11 * rows + 40 * columns + 7 * number).astype(np.uint16)
+            image[:3, :4] = 0
+            time = BEGAN + number * NANO // 30
+            header = WireHeader(*divmod(time, NANO), '')
+            wire = array_to_wire(image, find_encoding('16UC1'), header)
+            entries.append(Entry(time, image_to_cdr(wire), '/depth'))
+        write_mcap(folder / f'bags_{name}' / f'{name}_{episode}.mcap', with_definitions(entries))
+    convert(folder / f'bags_{name}', folder / name, '--format', 'lerobot', '--fps', 30,
+            '--depth', 'wrist=/depth', *DEPTHS[name])
+    stamps = parquet.read_table(folder / name / 'data')['stamp_ns'].to_pylist()
+    numbers = [round((stamp - BEGAN) * 30 / NANO) for stamp in stamps]
+    assert len(numbers) == 49
+    images = [np.where((rows < 3) & (columns < 4), 0, 400 + 11 * rows + 40 * columns + 7 * number)
+              for number in numbers]
+    np.save(folder / f'{name}.npy', images)
+
+
 def main() -> int:
     """Return the exit status of pytest."""
     python, *arguments = sys.argv[1:]
@@ -122,6 +173,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for name in SETS:
             write_set(Path(folder), name)
+        for name in DEPTHS:
+            (Path(folder) / f'bags_{name}').mkdir()
+            write_depth(Path(folder), name)
         environment = {key: value for key, value in os.environ.items()
                        if key not in ('PYTHONPATH', 'LD_LIBRARY_PATH', 'VIRTUAL_ENV')}
         environment.update(

@@ -34,6 +34,7 @@ VECTORS = ('observation.state', 'action', 'command', 'lift')
 INDICES = ('timestamp', 'frame_index', 'episode_index', 'index', 'task_index')
 QUANTILES = {'q01': np.min, 'q10': np.min, 'q50': np.min, 'q90': np.max, 'q99': np.max}
 TOLERANCE = 1e-4
+DEPTH = 'observation.images.wrist_depth'
 
 
 def check_item(item: dict[str, Any], row: dict[str, Any]) -> None:
@@ -249,6 +250,21 @@ def test_aggregation(tmp_path: Path) -> None:
     for index, row in enumerate(rows):
         check_item(dataset[index], row)
     assert sorted(dataset.meta.tasks.index) == ['pick', 'place', 'push']
+
+
+@pytest.mark.parametrize(('name', 'allowed'), [('depth', 2.3), ('depth_linear', 1.0)])
+def test_depth(name: str, allowed: float) -> None:
+    """Depths in millimetres differ by less than a step, and have the statistics of the set."""
+    dataset, images = load(name), np.load(FOLDER / f'{name}.npy')
+    assert len(dataset) == len(images)
+    found = np.array([np.asarray(dataset[index][DEPTH]) for index in range(len(images))])
+    assert found.shape == (len(images), 1, *images.shape[1:])
+    has_depth = images > 0
+    assert np.abs(found[:, 0] - images)[has_depth].max() <= allowed
+    statistics = dataset.meta.stats[DEPTH]
+    for key, value in (('min', found.min()), ('max', found.max()), ('mean', found.mean()),
+                       ('std', found.std())):
+        assert np.asarray(statistics[key]).ravel() == pytest.approx([value], rel=0.01, abs=1), key
 
 
 @pytest.mark.parametrize('part', ['data', 'meta/episodes'])
