@@ -28,7 +28,7 @@ from opencv_tools.datasets.check_meta import (
     file_problems, FrameStatistics, info_problems, statistics_problems, task_problems)
 from opencv_tools.datasets.check_videos import DepthFrames, has_fingerprints, video_problems
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, STATS, TASKS
+from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, TASKS
 from opencv_tools.datasets.merge import SOURCES
 from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
 from opencv_tools.datasets.set_writing import COUNTS, topic_lines
@@ -97,13 +97,12 @@ def account_problems(reader: SetReader, lines: list[str]) -> Iterator[str]:
 
 _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',
             'float16', 'float32', 'float64')
-_IMAGES = ('image', 'video')
 
 
 def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
                  columns: dict[str, Any]) -> Iterator[str]:
     """
-    Yield what is wrong with the rows, the tasks and the statistics.
+    Yield what is wrong with the rows and the tasks.
 
     :param columns: dictionary to which the (n, d) numbers of all rows are added by feature.
     :raises DatasetError: a file cannot be read.
@@ -135,9 +134,7 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
     if rows != episodes[-1]['dataset_to_index']:
         yield f'there are {rows} rows, but the episodes have {episodes[-1]["dataset_to_index"]}'
     if rows:
-        joined = {name: np.concatenate(values) for name, values in seen.items()}
-        columns.update(joined)
-        yield from _statistics_problems(reader, joined)
+        columns.update({name: np.concatenate(values) for name, values in seen.items()})
 
 
 def _task_problems(reader: SetReader) -> Generator[str, None, int]:
@@ -211,33 +208,3 @@ def _expected(episodes: list[dict[str, Any]], begin: int, count: int) -> dict[st
     firsts = np.array([row['dataset_from_index'] for row in episodes])
     numbers = np.maximum(np.searchsorted(firsts, index, side='right') - 1, 0)
     return {'index': index, 'episode_index': numbers, 'frame_index': index - firsts[numbers]}
-
-
-def _statistics_problems(reader: SetReader, columns: dict[str, Any]) -> Iterator[str]:
-    statistics = reader.read_json(STATS)
-    for key, feature in reader.features.items():
-        if feature['dtype'] not in (*_NUMBERS, *_IMAGES):
-            continue  # such as a text, which has none
-        found = statistics.get(key)
-        if not isinstance(found, dict):
-            yield f'{STATS} has no statistics of {printable(key)}'
-            continue
-        if key in columns:
-            with np.errstate(all='ignore'):  # rows that are not finite were named before
-                for name in _wrong_statistics(columns[key].astype(np.float64), found):
-                    yield f'{STATS} has another {name} of {printable(key)} than the rows'
-
-
-def _wrong_statistics(values: np.ndarray[Any, Any], found: dict[str, Any]) -> Iterator[str]:
-    """Yield the names of the statistics that are not those of (n, d) numbers."""
-    exact = {'min': values.min(axis=0), 'max': values.max(axis=0), 'mean': values.mean(axis=0),
-             'std': values.std(axis=0), 'count': np.array([len(values)])}
-    spread = 1e-4 * (np.abs(values).max(axis=0) + 1e-6)
-    for name, value in exact.items():
-        try:
-            given = np.array(found.get(name), np.float64).ravel()
-        except (TypeError, ValueError, OverflowError):
-            given = np.array([])
-        limit = 0 if name == 'count' else spread
-        if given.shape != value.shape or not (np.abs(given - value) <= limit).all():
-            yield name

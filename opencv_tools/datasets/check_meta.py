@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.datasets.errors import DatasetError, reason_of
-from opencv_tools.datasets.lerobot import DEFAULT_TYPES, INFO, STATS, TASKS
+from opencv_tools.datasets.lerobot import INFO, STATS, TASKS
 from opencv_tools.datasets.merge import file_sha256, FILES
 from opencv_tools.datasets.set_reader import SetReader, values_of
 from opencv_tools.datasets.statistics import (
@@ -177,10 +177,12 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
     total, stored = reader.read_json(STATS), reader.episode_columns('stats/')
     spans = [(one['dataset_from_index'], one['dataset_to_index']) for one in episodes]
     found = {**frames.found, **{
-        key: [numbers_statistics(values[begin:end]) for begin, end in spans if begin < end]
-        for key, values in columns.items() if key not in DEFAULT_TYPES
-        and values.dtype.kind in 'iuf' and np.isfinite(values).all()
-        and max(end for _, end in spans) <= len(values)}}
+        key: [numbers_statistics(1 * values[begin:end])
+              for begin, end in spans if begin < end] for key, values in columns.items()
+        if np.isfinite(values).all() and max(end for _, end in spans) <= len(values)}}
+    yield from (f'{STATS} has no statistics of {printable(key)}'
+                for key, feature in reader.features.items() if not isinstance(total.get(key), dict)
+                and (key in columns or feature['dtype'] in ('image', 'video')))
     for key, each in found.items():
         is_image = key in frames.found
         if len(each) < len(episodes):
@@ -191,8 +193,11 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
                            for call in (np.min, np.max))
             limits = {name: (least[name], most[name]) for name in QUANTILES if not is_image}
             whole = joined(each)
-            limits |= {name: (whole[name],) * 2 for name in ('mean', 'std') if is_image}
-            wrong = _wrong(given, limits, is_image, least['min'], most['max'])
+            limits |= {name: (whole[name],) * 2
+                       for name in ('mean', 'std', *(() if is_image else ('min', 'max')))}
+            wrong = [*_wrong(given, limits, is_image, least['min'], most['max'])]
+            if not is_image and given.get('count') != whole['count'].tolist():
+                wrong.append('count')
             yield from (f'{STATS} has another {name} of {printable(key)} than the rows'
                         for name in wrong)
         for number, one in enumerate(each):
