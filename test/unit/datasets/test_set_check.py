@@ -379,19 +379,38 @@ def test_names_of_public_sets_pass(shape: list[int], names: Any) -> None:
     assert [*info_problems(reader, [])] == []
 
 
+def set_of_pictures(folder: Path, images: list[Any], *words: object) -> Path:
+    """Return a set of raw pictures of floats, at 30 Hz."""
+    entries = []
+    for number, image in enumerate(images):
+        wire = array_to_wire(np.clip(image, 0, 255).astype(np.uint8), find_encoding('bgr8'),
+                             WireHeader(*divmod(BEGAN + number * NANO // 30, NANO), 'cam'))
+        entries.append(Entry(BEGAN + number * NANO // 30, image_to_cdr(wire), '/lamp'))
+    bag = write_mcap(folder / 'a.mcap', entries)
+    assert convert(bag, folder / 'set', '--image', 'front=/lamp', *words) == 0
+    return folder / 'set'
+
+
+@pytest.mark.parametrize('sigma', [17, 40, 90, 63])
+@pytest.mark.parametrize('crf', [23, 40])
+def test_noise_that_the_codec_takes_away_is_no_error(
+        crf: int, sigma: int, tmp_path: Path, capsys: Errors) -> None:
+    noise = np.random.default_rng(7).normal(128, sigma, (96, 128, 3))
+    folder = set_of_pictures(
+        tmp_path, [np.roll(noise, 3 * number, axis=1) for number in range(20)], '--crf', crf)
+    for name in ('meta/opencv_tools/files.json', 'meta/opencv_tools/fingerprints.parquet'):
+        (folder / name).unlink()
+    capsys.readouterr()
+    assert main(['--check', str(folder)]) == 0, capsys.readouterr()
+
+
 @pytest.mark.parametrize(('step', 'texture'), [(0.5, 2.0), (1.0, 0.0), (2.0, 0.0), (0.3, 5.0)])
 def test_slow_changes_of_light_are_no_error(
         step: float, texture: float, tmp_path: Path, capsys: Errors) -> None:
     noise = np.random.default_rng(3)
     still = noise.integers(60, 120, (120, 160, 3)) if texture else np.full((120, 160, 3), 40)
-    entries = []
-    for number in range(60):
-        image = np.clip(still + step * number + noise.normal(0, texture, still.shape), 0, 255)
-        wire = array_to_wire(image.astype(np.uint8), find_encoding('bgr8'), WireHeader(
-            *divmod(BEGAN + number * NANO // 30, NANO), 'cam'))
-        entries.append(Entry(BEGAN + number * NANO // 30, image_to_cdr(wire), '/lamp'))
-    bag = write_mcap(tmp_path / 'a.mcap', entries)
-    assert convert(bag, tmp_path / 'set', '--image', 'front=/lamp') == 0
+    set_of_pictures(tmp_path, [
+        still + step * number + noise.normal(0, texture, still.shape) for number in range(60)])
     capsys.readouterr()
     assert main(['--check', str(tmp_path / 'set')]) == 0
     assert re.search(r'cannot tell whether \d+ of 60 rows are shifted', capsys.readouterr().err)
