@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 import math
 from pathlib import Path
 from typing import Any
@@ -28,9 +28,9 @@ from opencv_tools.datasets.check_meta import (
     file_problems, FrameStatistics, info_problems, statistics_problems, task_problems)
 from opencv_tools.datasets.check_videos import DepthFrames, has_fingerprints, video_problems
 from opencv_tools.datasets.errors import DatasetError
-from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns, TASKS
+from opencv_tools.datasets.lerobot import import_pyarrow, INFO, row_columns
 from opencv_tools.datasets.merge import SOURCES
-from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
+from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader
 from opencv_tools.datasets.set_writing import COUNTS, topic_lines
 
 _MOST_PROBLEMS = 20
@@ -102,13 +102,12 @@ _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint3
 def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
                  columns: dict[str, Any]) -> Iterator[str]:
     """
-    Yield what is wrong with the rows and the tasks.
+    Yield what is wrong with the rows.
 
     :param columns: dictionary to which the (n, d) numbers of all rows are added by feature.
     :raises DatasetError: a file cannot be read.
     """
     yield from _total_problems(reader, episodes)
-    tasks = yield from _task_problems(reader)
     seen: dict[str, list[Any]] = {}
     rows = 0
     for place in dict.fromkeys((row['data/chunk_index'], row['data/file_index'])
@@ -120,7 +119,7 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
                                    f'{enumerated(sorted(map(printable, wrong)))}')
             found = {name: _numbers(reader, table, name) for name in table.column_names
                      if reader.features[name]['dtype'] in _NUMBERS}
-            for problem, count in _value_problems(reader, found, tasks).items():
+            for problem, count in _value_problems(reader, found).items():
                 yield f'{count} {problem} in rows from {rows} on'
             for name, values in found.items():
                 seen.setdefault(name, []).append(values)
@@ -135,19 +134,6 @@ def row_problems(reader: SetReader, episodes: list[dict[str, Any]],
         yield f'there are {rows} rows, but the episodes have {episodes[-1]["dataset_to_index"]}'
     if rows:
         columns.update({name: np.concatenate(values) for name, values in seen.items()})
-
-
-def _task_problems(reader: SetReader) -> Generator[str, None, int]:
-    """Yield what is wrong with the tasks; return their number."""
-    numbers: list[Any] = []
-    for table in reader.tables(reader.folder / TASKS, ['task_index']):
-        numbers += values_of(table, 'task_index')
-    if numbers != [*range(len(numbers))]:
-        yield f'{TASKS} does not number its {len(numbers)} tasks from 0'
-    if reader.info.get('total_tasks') != len(numbers):
-        yield (f'{INFO} has total_tasks {printable(reader.info.get("total_tasks"))}, but there '
-               f'are {len(numbers)}')
-    return len(numbers)
 
 
 def _total_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator[str]:
@@ -186,15 +172,13 @@ def _numbers(reader: SetReader, table: Any, name: str) -> np.ndarray[Any, Any]:
     return values.reshape(table.num_rows, size)
 
 
-def _value_problems(reader: SetReader, columns: dict[str, Any], tasks: int) -> dict[str, int]:
+def _value_problems(reader: SetReader, columns: dict[str, Any]) -> dict[str, int]:
     found = {f'values of {printable(name)} that are not finite':
              int(np.count_nonzero(~np.isfinite(values.astype(np.float64))))
              for name, values in columns.items()}
     times = columns['frame_index'] / reader.fps
     found['timestamps that are not frame_index / fps'] = int(np.count_nonzero(
         np.abs(columns['timestamp'] - times) > MAX_TIME_ERROR + 1e-6 * times))
-    found['task numbers without a task'] = int(np.count_nonzero(
-        (columns['task_index'] < 0) | (columns['task_index'] >= tasks)))
     for name, values in columns.items():
         kind = reader.features[name]['dtype']
         found[f'values of {printable(name)} that are {values.dtype}, not {kind}'] = (

@@ -83,19 +83,26 @@ def _stream_problems(reader: SetReader, key: str, path: Path) -> Iterator[str]:
 def task_problems(reader: SetReader, episodes: list[dict[str, Any]], tasks: NDArray[Any],
                   ) -> Iterator[str]:
     """
-    Yield which episodes have other tasks than their rows.
+    Yield what is wrong with the tasks, and which episodes have other ones than their rows.
 
     :param tasks: (n,) number of the task of each row.
     """
     texts: list[Any] = []
     numbers: list[Any] = []
     for table in reader.tables(reader.folder / TASKS):
-        name = next((one for one in ('task', '__index_level_0__') if one in table.column_names),
-                    None)
-        if name is None:
-            return
-        texts += values_of(table, name)
         numbers += values_of(table, 'task_index')
+        texts += next((values_of(table, one) for one in ('task', '__index_level_0__')
+                       if one in table.column_names), [])
+    if numbers != [*range(len(numbers))]:
+        yield f'{TASKS} does not number its {len(numbers)} tasks from 0'
+    if reader.info.get('total_tasks') != len(numbers):
+        yield (f'{INFO} has total_tasks {printable(reader.info.get("total_tasks"))}, but there '
+               f'are {len(numbers)}')
+    unknown = np.count_nonzero((tasks < 0) | (tasks >= len(numbers)))
+    if unknown:
+        yield f'{unknown} task numbers without a task in the rows'
+    if len(texts) < len(numbers):
+        return
     known = {number: str(text) for number, text in zip(numbers, texts)
              if isinstance(number, int)}
     columns = reader.episode_columns('tasks')
