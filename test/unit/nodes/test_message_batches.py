@@ -52,5 +52,4 @@ def test_account(outcomes: list[tuple[int, Path | Unwritten]], account: str) -> 
             batches.add(topic, RecordedMessage(
                 channel=TF, parts=(b'abcd',), log_ns=number, publish_ns=0))
         batches.flush()
-    batches.count_finished()
     assert topic.account() == f'/tf: {10 * len(outcomes)} messages received, {account}'
