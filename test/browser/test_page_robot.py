@@ -303,7 +303,7 @@ def chain(folder: Path, links: int, shape: str = '') -> Path:
 
 def test_nothing_is_drawn_while_nothing_moves(browser: Browser, tmp_path: Path) -> None:
     page = open_robot(browser, tmp_path, chain(tmp_path, 100))
-    assert page.evaluate('robotView.page.views[0].links.length') == 100
+    page.wait_for('robotView.page?.views[0].links.length === 100')  # built in slices
     page.evaluate('robotView.stage.request()')
     page.wait_for('!robotView.stage.wanted')
     # Two pictures of the screen pass, and nothing asks for another one.
