@@ -57,17 +57,14 @@ def account_bytes(topics: Sequence[str]) -> int:
 
 def recording_of(metadata: Sequence[Metadata]) -> str:
     """Return the identifier of the recording in the records of a file; '' if there is none."""
-    return next((values[RECORDING] for name, values in metadata
-                 if name == NAME and RECORDING in values), '')
+    return _text(metadata, RECORDING)
 
 
 def repeated_counts(metadata: Sequence[Metadata]) -> dict[str, int]:
     """Return the number of repeated messages of each topic, of a file of this package."""
-    text = next((values[REPEATED] for name, values in metadata
-                 if name == NAME and REPEATED in values), '{}')
     try:
-        found = json.loads(text)
-    except (ValueError, RecursionError):  # of another program
+        found = json.loads(_text(metadata, REPEATED))
+    except (ValueError, RecursionError):  # no text, or of another program
         return {}
     return {topic: count for topic, count in found.items() if isinstance(count, int)} if (
         isinstance(found, dict)) else {}
@@ -76,3 +73,8 @@ def repeated_counts(metadata: Sequence[Metadata]) -> dict[str, int]:
 def has_account(metadata: Sequence[Metadata]) -> bool:
     """Return whether the records of a file have an account."""
     return any(name == NAME and ACCOUNT in values for name, values in metadata)
+
+
+def _text(metadata: Sequence[Metadata], key: str) -> str:
+    """Return the first text with a key in the records of this package; '' if there is none."""
+    return next((values[key] for name, values in metadata if name == NAME and key in values), '')
