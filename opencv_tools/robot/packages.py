@@ -64,7 +64,7 @@ def candidate_folders(package: str, start: Path) -> Iterator[Path]:
             yield folder
         yield folder / package
         yield from sorted(folder.glob(f'*/{package}'))
-    yield from (folder for folder in package_folders(start) if is_package(folder, package))
+    yield from _own_folders(package, start)
 
 
 def own_files(path: str, start: Path) -> Iterator[Path]:
@@ -75,6 +75,9 @@ def own_files(path: str, start: Path) -> Iterator[Path]:
     :param start: a file that names the package.
     """
     package, _, inside = path.partition('/')
-    for folder in package_folders(start):
-        if is_package(folder, package):
-            yield folder / inside
+    return (folder / inside for folder in _own_folders(package, start))
+
+
+def _own_folders(package: str, start: Path) -> Iterator[Path]:
+    """Return the folders above a file that are the source of a package."""
+    return (folder for folder in package_folders(start) if is_package(folder, package))
