@@ -131,9 +131,10 @@ def definition(read: Read, record: Record) -> Channel | Metadata | Schema | None
     content = ReadDataStream(io.BytesIO(read(record.begin, record.size)[RECORD.size:]))
     try:
         kind: Any = {CHANNEL_CODE: Channel, METADATA_CODE: Metadata, SCHEMA_CODE: Schema}
-        return kind[record.opcode].read(content)  # type: ignore[no-any-return]
+        found: Channel | Metadata | Schema = kind[record.opcode].read(content)
     except (McapError, ValueError, struct.error):
         return None
+    return found
 
 
 def summary_start(read: Read, size: int) -> int | None:
