@@ -177,13 +177,14 @@ TEXTS = {
         'material/specular': '0.1 0.2 0.3 0.4', 'material/emissive': '0.1 0.2 0.3 0.4',
         'sensor/@type': 'camera', 'light/@type': 'spot', 'particle_emitter/@type': 'box',
         'particle_size': '1 2 3', 'direction': '0 0 1', 'fdir1': '1 0 0',
+        'radii': '1 2 3', 'heightmap/pos': '1 2 3', 'plane/normal': '0 0 1',
         **dict.fromkeys(('light/diffuse', 'light/specular', 'color_start', 'color_end'),
                         '0.1 0.2 0.3 1'),
         **dict.fromkeys((
             'allow_auto_disable', 'always_on', 'cast_shadows', 'double_sided', 'emitting',
-            'enable_metrics', 'enable_wind', 'gravity', 'kinematic', 'lighting',
+            'enable_metrics', 'enable_wind', 'gravity', 'kinematic', 'lighting', 'loop',
             'must_be_base_link', 'provide_feedback', 'self_collide', 'static',
-            'use_terrain_paging', 'visualize'),
+            'submesh/center', 'use_terrain_paging', 'visualize'),
             'true'),
     },
 }
