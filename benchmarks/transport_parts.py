@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 import json
 from pathlib import Path
@@ -82,17 +83,30 @@ class Load:
 
 
 class Meter:
-    """CPU time, page faults and memory growth from the first counted frame to the last one."""
+    """
+    CPU time, page faults and memory growth from the first counted frame to the last one.
+
+    The CPU time is without that of the work which is left out between these frames.
+    """
 
     def __init__(self) -> None:
         """Start with the first frame."""
         self.frames = 0
+        self._left_out = 0.0
         self._settled_rss = 0.0
-        self._first = self._last = (0.0, 0)
+        self._first = self._last = (0.0, 0, 0.0)
+
+    @contextmanager
+    def leave_out(self) -> Iterator[None]:
+        """Leave out the CPU time that this thread uses in the block."""
+        began = time.thread_time()
+        yield
+        self._left_out += time.thread_time() - began
 
     def tick(self) -> None:
         """Count a frame; the first is not charged."""
-        self._last = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        self._last = (time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_minflt,
+                      self._left_out)
         if not self.frames:
             self._first = self._last
         self.frames += 1
@@ -100,12 +114,13 @@ class Meter:
             self._settled_rss = _resident_mb()
 
     def report(self, **more: object) -> None:
-        """Print the numbers as JSON."""
+        """Print the numbers of a frame as JSON."""
         charged = max(1, self.frames - 1)
-        cpu, faults = (last - first for first, last in zip(self._first, self._last))
+        cpu, faults, left_out = ((last - first) / charged
+                                 for first, last in zip(self._first, self._last))
         growth = _resident_mb() - self._settled_rss if self._settled_rss else 0.0
-        _say(json.dumps({'frames': self.frames, 'cpu': cpu / charged * 1e3,
-                         'faults': faults / charged, 'growth': growth, **more}))
+        _say(json.dumps({'frames': self.frames, 'cpu': (cpu - left_out) * 1e3,
+                         'left_out': left_out * 1e3, 'faults': faults, 'growth': growth, **more}))
 
 
 class Camera:
@@ -171,21 +186,19 @@ class Flip:
     def __init__(self) -> None:
         """Start with the first frame."""
         self._meter = Meter()
-        self._cpu = 0.0
         cv2.setNumThreads(1)  # otherwise the time is not that of this thread
 
     def __call__(self, image: NDArray[Any], out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Return an image upside down, in a given array if there is one."""
-        began = time.thread_time()
-        flipped: NDArray[Any] = cv2.flip(image, 0, out)
+        with self._meter.leave_out():
+            flipped: NDArray[Any] = cv2.flip(image, 0, out)
         if _read_number(image[0]) != _WARM_UP:
-            self._cpu += time.thread_time() - began
             self._meter.tick()
         return flipped
 
     def report(self) -> None:
         """Print the numbers as JSON."""
-        self._meter.report(filter=self._cpu / max(1, self._meter.frames) * 1e3)
+        self._meter.report()
 
 
 class Ages:

@@ -40,6 +40,10 @@ class ProcessError(Exception):
     """A process did not do its part; the text is the end of its console."""
 
 
+class ImpossibleFigureError(Exception):
+    """A figure cannot be right; the text is the reason."""
+
+
 @dataclass(frozen=True)
 class Way:
     """
@@ -149,6 +153,7 @@ def run_once(way: Way, load: Load, subscribers: int) -> Result:
     """
     Send frames one way.
 
+    :raises ImpossibleFigureError: an age or a CPU time is negative.
     :raises ProcessError: a process failed, or refused the transport.
     """
     with ExitStack() as stack:
@@ -191,16 +196,19 @@ def _result(load: Load, received: list[dict[str, Any]], between: list[dict[str, 
     stages = np.array([times for times in settled(received[0], 'stages')
                        if len(times) == len(STAGES)]) / 1e6
     every = *received, *between, sent
-    filter_cpu = sum(measured['filter'] for measured in between)
-    filling_cpu = sent.get('filling', 0.0)
+    cpu = min(measured['cpu'] for measured in every)
+    if cpu < 0 or np.nanmin(ages, initial=0.0) < 0:
+        raise ImpossibleFigureError(
+            f'the least CPU time of a process is {cpu:.3f} ms a frame, and the least age '
+            f'{np.nanmin(ages):.3f} ms: both must be positive')
     return Result(
         delivered=100 * min(
             len(set(measured['numbers'])) for measured in received) / sent['frames'],
         p50=float(np.percentile(ages, 50)), p99=float(np.percentile(ages, 99)),
-        publisher_cpu=sent['cpu'] - filling_cpu,
-        node_cpu=sum(measured['cpu'] for measured in between) - filter_cpu, filter_cpu=filter_cpu,
+        publisher_cpu=sent['cpu'], node_cpu=sum(measured['cpu'] for measured in between),
+        filter_cpu=sum(measured['left_out'] for measured in between),
         subscriber_cpu=statistics.fmean(measured['cpu'] for measured in received),
-        cpu=sum(measured['cpu'] for measured in every) - filter_cpu - filling_cpu,
+        cpu=sum(measured['cpu'] for measured in every),
         faults=sum(measured['faults'] for measured in every),
         growth=max(measured['growth'] for measured in every),
         stages=tuple(np.median(stages, 0).tolist()) if len(stages) else ())
