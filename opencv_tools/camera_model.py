@@ -19,11 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.image.errors import RectificationError
+from opencv_tools.opencv import cv2
 
 # Numbers of coefficients that each distortion model may have.
 _POLYNOMIAL = (0, 4, 5, 8, 12, 14)

@@ -61,8 +61,8 @@ def _load_ros(name: str, module: str, load: Callable[[str], Any] = _load) -> Any
 
 def _run_node(name: str, module: str, load: Callable[[str], Any] = _load) -> int:
     def run() -> int:
-        if sys.argv[1:2] in (['-h'], ['--help'], ['--version']):
-            return int(_load('opencv_tools.nodes.help_text').show_help(name, sys.argv[1]))
+        if sys.argv[1:2] not in ([], ['--ros-args']):  # before ROS, which takes longer
+            load('opencv_tools.nodes.help_text').check_options(name, sys.argv)
         return int(_load_ros(name, module, load).main())
 
     # A shell script starts background processes with SIGINT ignored. A node ends in spite of it.

@@ -21,7 +21,6 @@ from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
@@ -36,23 +35,17 @@ from opencv_tools.image.jpeg import (
     check_jpeg, jpeg_components, JPEG_EOI, jpeg_size, JPEG_SOI, JPEG_SOS, with_extra_data)
 from opencv_tools.image.picture_formats import (
     CODEC_TYPES, compressed_form, why_not_stored)
+from opencv_tools.opencv import cv2
 
-# The default of OpenCV 4 for 32FC3 TIFF is LogLuv, which is lossy. 5 is LZW, which is lossless.
-_OPTIONS = dict.fromkeys(('.tif', '.tiff'), (cv2.IMWRITE_TIFF_COMPRESSION, 5))
-# OpenCV 4 is fastest without a compression level. OpenCV 5 also has filters; with UP it is faster
-# and writes smaller files.
-_FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY,
-             cv2.IMWRITE_PNG_STRATEGY_RLE, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP,
-             ) if hasattr(cv2, 'IMWRITE_PNG_FILTER') else ()
-_QUALITY = {'.jpg': cv2.IMWRITE_JPEG_QUALITY, '.jpeg': cv2.IMWRITE_JPEG_QUALITY,
-            '.jpe': cv2.IMWRITE_JPEG_QUALITY, '.webp': cv2.IMWRITE_WEBP_QUALITY}
+# Names of constants of OpenCV, which is not imported until it is used.
+_QUALITY = {'.jpg': 'IMWRITE_JPEG_QUALITY', '.jpeg': 'IMWRITE_JPEG_QUALITY',
+            '.jpe': 'IMWRITE_JPEG_QUALITY', '.webp': 'IMWRITE_WEBP_QUALITY'}
 
 # Names of the encodings in OpenCV's names of conversions, such as COLOR_BGR2RGB.
 _COLORS = {'bgr8': 'BGR', 'rgb8': 'RGB', 'bgra8': 'BGRA', 'rgba8': 'RGBA', 'mono8': 'GRAY'}
 
 _FLIPS = {'horizontal': 1, 'vertical': 0, 'both': -1}
-_ROTATIONS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180,
-              270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+_ROTATIONS = {90: 'ROTATE_90_CLOCKWISE', 180: 'ROTATE_180', 270: 'ROTATE_90_COUNTERCLOCKWISE'}
 
 _BGR_CHANNELS = 3
 _MAX_DEPTH_PIXELS = 2**25
@@ -83,15 +76,17 @@ def encode_image(
         able = [known[1:] for known, types in CODEC_TYPES.items() if stored.name in types]
         remedy = f'; use {" or ".join(able)}' if able else '; no picture format can store it'
         raise CodecError(f'{described} {reason}{"" if suffix[1:] in able else remedy}')
-    options: tuple[int, ...] = _OPTIONS.get(suffix, ())
+    options: tuple[int, ...] = ()
     if suffix == '.png':
-        options = (_FAST_PNG if compression == 1
-                   else (cv2.IMWRITE_PNG_COMPRESSION, compression))
+        options = _png_options(compression)
+    elif suffix in ('.tif', '.tiff'):
+        # The default of OpenCV 4 for 32FC3 is LogLuv, which is lossy. 5 is LZW, without loss.
+        options = cv2.IMWRITE_TIFF_COMPRESSION, 5
     if quality is not None:
         if suffix not in _QUALITY or not 1 <= quality <= 100:
             raise CodecError(f'quality {quality} is invalid for {suffix[1:]}; only jpg and webp '
                              'have a quality, from 1 to 100')
-        options = (_QUALITY[suffix], quality)
+        options = getattr(cv2, _QUALITY[suffix]), quality
     try:
         encoded, content = cv2.imencode(suffix, image, options)
     except cv2.error as err:
@@ -99,6 +94,16 @@ def encode_image(
     if not encoded:
         raise CodecError(f'OpenCV cannot encode {described} as {suffix[1:]}')
     return content.reshape(-1)
+
+
+def _png_options(compression: int) -> tuple[int, ...]:
+    if compression != 1:
+        return cv2.IMWRITE_PNG_COMPRESSION, compression
+    if not hasattr(cv2, 'IMWRITE_PNG_FILTER'):
+        return ()  # OpenCV 4 is fastest without a compression level
+    # OpenCV 5 also has filters; with UP it is faster and writes smaller files.
+    return (cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY,
+            cv2.IMWRITE_PNG_STRATEGY_RLE, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_UP)
 
 
 def encode_compressed(
@@ -284,7 +289,7 @@ def turn_image(
         return cv2.flip(image, _FLIPS[flip], dst=out)
     if flip != 'none':
         image = cv2.flip(image, _FLIPS[flip])
-    return cv2.rotate(image, _ROTATIONS[degrees], dst=out)
+    return cv2.rotate(image, getattr(cv2, _ROTATIONS[degrees]), dst=out)
 
 
 @lru_cache  # called for each frame
@@ -299,16 +304,17 @@ def _conversion_code(source: Encoding, target: Encoding) -> int | None:
     return getattr(cv2, f'COLOR_{name}', None)
 
 
-def apply_colormap(gray: NDArray[Any], colormap: int) -> NDArray[Any]:
+def apply_colormap(gray: NDArray[Any], colormap: int | str) -> NDArray[Any]:
     """
     Convert a gray image to colours with a colormap of OpenCV.
 
     :param gray: (h, w) uint8 array.
-    :param colormap: number of the colormap, such as ``cv2.COLORMAP_JET``.
+    :param colormap: number of the colormap, such as ``cv2.COLORMAP_JET``, or its name.
     :returns: (h, w, 3) uint8 array in BGR.
     :raises CodecError: the colormap is unknown.
     """
     try:
-        return cv2.applyColorMap(gray, colormap)
+        number = getattr(cv2, colormap) if isinstance(colormap, str) else colormap
+        return cv2.applyColorMap(gray, number)
     except cv2.error as err:
         raise CodecError(f'unknown colormap {colormap}; give one of cv2.COLORMAP_*') from err

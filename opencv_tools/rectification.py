@@ -21,13 +21,13 @@ import copy
 from threading import Lock
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.camera_model import Maps, read_camera_model
 from opencv_tools.image.encodings import Encoding, find_encoding
 from opencv_tools.image.errors import RectificationError
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.opencv import cv2
 
 #: Lends an array for an image of a height, a width and an encoding, or None.
 Lend = Callable[[int, int, Encoding], NDArray[Any] | None]

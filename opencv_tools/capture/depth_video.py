@@ -22,7 +22,6 @@ from pathlib import Path
 import re
 from typing import Any, Literal
 
-import cv2
 import numpy as np
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
@@ -30,6 +29,7 @@ from opencv_tools.capture.frame import CapturedFrame
 from opencv_tools.capture.video import check_end, describe_video, frame_count, video_rate
 from opencv_tools.image.errors import SizeError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
+from opencv_tools.opencv import cv2
 from opencv_tools.video.lossless import (
     describe_tags, has_no_sums, has_valid_sums, LOSSLESS_PIXELS, tagged_encoding)
 from opencv_tools.video.settings import import_av

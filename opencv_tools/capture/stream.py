@@ -25,7 +25,6 @@ from threading import Condition, Thread
 import time
 from typing import Any, Literal, Protocol
 
-import cv2
 from opencv_tools.base.text import without_password
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, live_frame, MAX_RATE
@@ -33,6 +32,7 @@ from opencv_tools.capture.live_video import LiveVideo
 from opencv_tools.capture.video import describe_failure, describe_video, video_rate
 from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
+from opencv_tools.opencv import cv2
 from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import import_av
 

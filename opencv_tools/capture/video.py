@@ -24,10 +24,10 @@ import socket
 from typing import Literal
 from urllib.parse import quote, urlsplit
 
-import cv2
 from opencv_tools.base.text import enumerated, MAX_PATH, printable, without_password
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
+from opencv_tools.opencv import cv2
 
 # Containers with an index of their frames. For other containers OpenCV estimates the number.
 _LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))

@@ -18,15 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-import re
 
-from opencv_tools.base.text import without_password
 from opencv_tools.nodes.command_line import check_ros_arguments
-from opencv_tools.nodes.help_text import node_parser
+from opencv_tools.nodes.help_text import check_options
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start
 from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
-from rclpy.utilities import remove_ros_args
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +59,7 @@ class Executable:
             return []
         table = parameter_table(self.settings)
         mistakes = check_ros_arguments(args, self.name, self.node, table)
-        self._parse(remove_ros_args(args), table)
+        check_options(self.name, args)
         return mistakes
 
     def read_start(self, args: Sequence[str]) -> tuple[int, int]:
@@ -72,27 +69,6 @@ class Executable:
         return read_start(self.settings, args, self.node)
 
     def help_text(self, table: Sequence[Parameter]) -> str:
-        """Return the text for `node_parser`."""
+        """Return the text for `check_options`, which is kept in a file."""
         return (f'{self.description}\n\nexample:\n  {self.name} --ros-args {self.example}\n\n'
                 f'{describe_parameters(table)}\n\n{ENVIRONMENT_HELP}')
-
-    def _parse(self, args: list[str], table: Sequence[Parameter]) -> None:
-        parser = node_parser(self.name, self.help_text(table))
-        _, unknown = parser.parse_known_args(args[1:])
-        if unknown:
-            words = without_password(' '.join(unknown)).split(' ')
-            parser.error(f'unrecognized arguments: {" ".join(words)}{_remedy(words, table)}')
-
-
-def _remedy(words: Sequence[str], parameters: Sequence[Parameter]) -> str:
-    """Return how to write a parameter, or a source, that was given as ``--source 0`` or ``0``."""
-    names = {parameter.name for parameter in parameters}
-    for word, following in zip(words, [*words[1:], '']):
-        option, _, value = word.partition('=')
-        name = option.lstrip('-').removesuffix(':').replace('-', '_')
-        if option.startswith('-') and name in names:
-            value = value or ('' if following.startswith('-') else following) or 'VALUE'
-            return f'; write --ros-args -p {name}:={value}'
-    if len(words) == 1 and 'source' in names and re.match('(?!-|.*:=).', words[0]):
-        return f'; write --ros-args -p source:={words[0]}'
-    return '; parameters are written --ros-args -p NAME:=VALUE'

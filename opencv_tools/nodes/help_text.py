@@ -17,29 +17,56 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+import re
 
 from opencv_tools.base.arguments import CommandParser
+from opencv_tools.base.text import without_password
 
-#: Folder of the texts, which ``docs/write_parameters.py`` writes.
 FOLDER = Path(__file__).with_name('help')
 
 
-def node_parser(name: str, text: str) -> CommandParser:
+def check_options(name: str, args: Sequence[str]) -> None:
     """
-    Return the command line of a node, whose parameters are ROS arguments.
+    Handle ``--help`` and ``--version``, and exit on arguments that are no ROS arguments.
 
-    :param text: the description in one line, an empty line, and what stands below the options.
+    :param name: executable, whose parameters are ROS arguments.
+    :param args: command line, program name first.
     """
+    text = FOLDER.joinpath(f'{name}.txt').read_text(encoding='utf-8')
     description, _, epilog = text.partition('\n\n')
-    return CommandParser(
+    parser = CommandParser(
         prog=name, description=description, epilog=epilog,
         formatter_class=argparse.RawTextHelpFormatter,
         usage=f'{name} [--ros-args -p NAME:=VALUE ...]')
+    _, unknown = parser.parse_known_args([*_plain_words(args)])
+    if unknown:
+        words = without_password(' '.join(unknown)).split(' ')
+        parser.error(f'unrecognized arguments: {" ".join(words)}'
+                     f'{_remedy(words, set(re.findall("^  ([a-z_]+) ", epilog, re.MULTILINE)))}')
 
 
-def show_help(name: str, option: str) -> int:
-    """Show what ``--help`` or ``--version`` asks for, and exit."""
-    text = FOLDER.joinpath(f'{name}.txt').read_text(encoding='utf-8')
-    node_parser(name, text).parse_args([option])
-    return 0
+def _plain_words(args: Sequence[str]) -> Iterator[str]:
+    """Yield the arguments that are no ROS arguments."""
+    is_ros = False
+    for word in args[1:]:
+        if word == '--ros-args':
+            is_ros = True
+        elif is_ros and word == '--':
+            is_ros = False
+        elif not is_ros:
+            yield word
+
+
+def _remedy(words: Sequence[str], names: set[str]) -> str:
+    """Return how to write a parameter, or a source, that was given as ``--source 0`` or ``0``."""
+    for word, following in zip(words, [*words[1:], '']):
+        option, _, value = word.partition('=')
+        name = option.lstrip('-').removesuffix(':').replace('-', '_')
+        if option.startswith('-') and name in names:
+            value = value or ('' if following.startswith('-') else following) or 'VALUE'
+            return f'; write --ros-args -p {name}:={value}'
+    if len(words) == 1 and 'source' in names and re.match('(?!-|.*:=).', words[0]):
+        return f'; write --ros-args -p source:={words[0]}'
+    return '; parameters are written --ros-args -p NAME:=VALUE'

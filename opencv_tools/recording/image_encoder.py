@@ -23,7 +23,6 @@ import struct
 from typing import Any
 import zlib
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.image.display import to_display_image
@@ -231,7 +230,7 @@ def _color_numbers(
     gray = to_display_image(numbers, encoding, 'mono8', limits)
     if not settings.has_colors:
         return gray, find_encoding('mono8')
-    shown = apply_colormap(gray, getattr(cv2, f'COLORMAP_{settings.colors.upper()}'))
+    shown = apply_colormap(gray, f'COLORMAP_{settings.colors.upper()}')
     shown[np.isnan(numbers) | ((numbers == 0) & (limits[0] >= 0))] = 0
     return shown, find_encoding('bgr8')
 

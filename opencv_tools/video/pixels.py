@@ -19,17 +19,17 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image.errors import VideoError
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.opencv import cv2
 
 # Conversions of OpenCV, all with BT.601 in limited range.
-_TO_I420 = {'bgr8': cv2.COLOR_BGR2YUV_I420, 'rgb8': cv2.COLOR_RGB2YUV_I420,
-            'bgra8': cv2.COLOR_BGRA2YUV_I420, 'rgba8': cv2.COLOR_RGBA2YUV_I420}
+_TO_I420 = {'bgr8': 'COLOR_BGR2YUV_I420', 'rgb8': 'COLOR_RGB2YUV_I420',
+            'bgra8': 'COLOR_BGRA2YUV_I420', 'rgba8': 'COLOR_RGBA2YUV_I420'}
 _NAMES = {'8UC1': 'mono8', '8UC3': 'bgr8', '8UC4': 'bgra8'}
 _CONVERTED = ('yuv', 'bayer')  # kinds of encodings that are converted to bgr8 first
 
@@ -69,7 +69,7 @@ def to_i420(image: NDArray[Any], encoding_name: str) -> NDArray[Any]:
     if bottom or right:
         image = cv2.copyMakeBorder(image, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
     if name in _TO_I420:
-        return cv2.cvtColor(image, _TO_I420[name])
+        return cv2.cvtColor(image, getattr(cv2, _TO_I420[name]))
     height, width = image.shape[:2]
     planes = np.full((height + height // 2, width), 128, np.uint8)
     cv2.convertScaleAbs(image, dst=planes[:height], alpha=219 / 255, beta=16)

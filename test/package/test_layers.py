@@ -56,10 +56,11 @@ ALLOWED = {
     'opencv_tools.calibration.source_images': {
         'opencv_tools.calibration', 'opencv_tools.capture', 'opencv_tools.image'},
     'opencv_tools.calibration.view_search': {'opencv_tools.calibration'},
-    'opencv_tools.camera_model': {'opencv_tools.image', 'cv2'},
+    'opencv_tools.camera_model': {'opencv_tools.image', 'opencv_tools.opencv'},
     'opencv_tools.capture': {
         'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.image',
-        'opencv_tools.image_codecs', 'opencv_tools.rectification', 'opencv_tools.video', 'cv2'},
+        'opencv_tools.image_codecs', 'opencv_tools.opencv', 'opencv_tools.rectification',
+        'opencv_tools.video'},
     'opencv_tools.commands': set(),
     'opencv_tools.convert': {
         'opencv_tools.bags', 'opencv_tools.capture', 'opencv_tools.convert',
@@ -79,7 +80,7 @@ ALLOWED = {
         'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video.settings',
         'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.image': {'opencv_tools.image'},
-    'opencv_tools.image_codecs': {'opencv_tools.image', 'cv2', 'simplejpeg'},
+    'opencv_tools.image_codecs': {'opencv_tools.image', 'opencv_tools.opencv', 'simplejpeg'},
     'opencv_tools.message_types': {'opencv_tools.image', 'opencv_tools.message_types'},
     'opencv_tools.nodes': {
         'opencv_tools.bags', 'opencv_tools.calibration.camera_file', 'opencv_tools.capture',
@@ -88,12 +89,14 @@ ALLOWED = {
         'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video',
         'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'rcl_interfaces',
         'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'yaml'},
+    'opencv_tools.opencv': {'cv2'},
     'opencv_tools.recording': {
         'opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.image_codecs',
-        'opencv_tools.recording', 'opencv_tools.video', 'av', 'cv2'},
+        'opencv_tools.recording', 'opencv_tools.video', 'av', 'opencv_tools.opencv'},
     'opencv_tools.recording.naming': set(),
     'opencv_tools.rectification': {
-        'opencv_tools.camera_model', 'opencv_tools.image', 'opencv_tools.image_codecs', 'cv2'},
+        'opencv_tools.camera_model', 'opencv_tools.image', 'opencv_tools.image_codecs',
+        'opencv_tools.opencv'},
     'opencv_tools.robot': {
         'opencv_tools.robot', 'ament_index_python', 'lxml', 'matplotlib', 'xacro'},
     'opencv_tools.robot.view.server': {'opencv_tools.robot', 'tornado'},
@@ -110,15 +113,15 @@ ALLOWED = {
         'opencv_tools.transport.shared_frames', 'iceoryx2'},
     'opencv_tools.video': {
         'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.message_types',
-        'opencv_tools.video', 'av', 'cv2'},
+        'opencv_tools.video', 'av', 'opencv_tools.opencv'},
     'opencv_tools.viewer': {
         'opencv_tools.bags.schemas', 'opencv_tools.calibration', 'opencv_tools.camera_model',
         'opencv_tools.cv_bridge',
         'opencv_tools.image', 'opencv_tools.image_codecs', 'opencv_tools.message_types',
         'opencv_tools.nodes', 'opencv_tools.recording', 'opencv_tools.robot',
         'opencv_tools.topics', 'opencv_tools.transport.message_type', 'opencv_tools.video',
-        'opencv_tools.viewer', 'cv2', 'rcl_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs',
-        'std_srvs', 'tornado'},
+        'opencv_tools.viewer', 'opencv_tools.opencv', 'rcl_interfaces', 'rclpy', 'sensor_msgs',
+        'std_msgs', 'std_srvs', 'tornado'},
     'opencv_tools.viewer.access': {
         'opencv_tools.viewer.certificate', 'opencv_tools.viewer.errors'},
     'opencv_tools.viewer.certificate': {'opencv_tools.viewer.errors'},

@@ -99,21 +99,25 @@ def test_version_of_all_commands() -> None:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('option', ['--help', '--version'])
-def test_help_and_version_without_any_library(option: str) -> None:
+@pytest.mark.parametrize(('option', 'status'), [('--help', 0), ('--version', 0), ('--wrong', 2)])
+def test_options_without_any_library(option: str, status: int) -> None:
     # A node's text comes from a file, so neither ROS nor numpy is imported.
     script = ('import sys, opencv_tools.commands as commands\n'
               f'sys.modules.update(dict.fromkeys({[*LIBRARIES]}))\n'
               'for name in sys.argv[2:]:\n'
               '    sys.argv[:2] = [name, sys.argv[1]]\n'
               '    try:\n        getattr(commands, name)()\n'
-              '    except SystemExit as end:\n        assert not end.code, name\n'
+              '    except SystemExit as end:\n'
+              f'        assert (end.code or 0) == {status}, name\n'
               '    else:\n        raise AssertionError(name)')
     finished = subprocess.run([sys.executable, '-c', script, option, *NAMES], text=True,
                               capture_output=True, timeout=LONGEST_SECONDS, check=False)
-    assert (finished.returncode, finished.stderr) == (0, '')
-    shown = [line.split()[1 if option == '--help' else 0] for line in finished.stdout.splitlines()
-             if line.startswith('usage: ' if option == '--help' else tuple(NAMES))]
+    assert finished.returncode == 0, finished.stderr
+    output = finished.stderr if status else finished.stdout
+    assert output == finished.stdout + finished.stderr
+    is_usage = option != '--version'
+    shown = [line.split()[1 if is_usage else 0] for line in output.splitlines()
+             if line.startswith('usage: ' if is_usage else tuple(NAMES))]
     assert shown[0] == NAMES[0] and {*NAMES} <= {*shown}
 
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.capture.errors import BrokenFrameError
@@ -29,6 +28,7 @@ from opencv_tools.capture.frame import JPEG, VIDEO
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import LayoutError
 from opencv_tools.image.layout import view_pixels
+from opencv_tools.opencv import cv2
 
 # Flag in the number of a pixel format with big-endian words: v4l2_fourcc_be().
 _BIG_ENDIAN = 1 << 31
@@ -63,18 +63,18 @@ def _read_pixels(
 
 
 def _read_planes(
-    conversion: int, data: Buffer, height: int, width: int, step: int,
+    conversion: str, data: Buffer, height: int, width: int, step: int,
 ) -> NDArray[Any]:
     """
     Convert a luma plane and two chroma planes to BGR, because ROS has no such encoding.
 
-    :param conversion: code of ``cv2.cvtColor``.
+    :param conversion: name of the code of ``cv2.cvtColor``.
     """
     lines = np.frombuffer(data, np.uint8, height * step * 3 // 2)
     luma = lines[:height * step].reshape(height, step)[:, :width]
     chroma = lines[height * step:].reshape(height, step // 2)[:, :width // 2]
     planes = np.concatenate([luma, chroma.reshape(height // 2, width)])
-    return cv2.cvtColor(planes, conversion)
+    return cv2.cvtColor(planes, getattr(cv2, conversion))
 
 
 def _read_bytes(data: Buffer, _height: int, _width: int, _step: int) -> NDArray[Any]:
@@ -90,8 +90,8 @@ PIXEL_FORMATS = {known.fourcc: known for known in (
     _raw('BGR3', 'bgr8'), _raw('RGB3', 'rgb8'), _raw('XR24', 'bgra8'), _raw('AR24', 'bgra8'),
     _raw('YUYV', 'yuv422_yuy2'), _raw('UYVY', 'yuv422'),
     _raw('NV12', 'nv12'), _raw('NV21', 'nv21'), _raw('NV24', 'nv24'),
-    PixelFormat('YU12', 'bgr8', partial(_read_planes, cv2.COLOR_YUV2BGR_I420)),
-    PixelFormat('YV12', 'bgr8', partial(_read_planes, cv2.COLOR_YUV2BGR_YV12)),
+    PixelFormat('YU12', 'bgr8', partial(_read_planes, 'COLOR_YUV2BGR_I420')),
+    PixelFormat('YV12', 'bgr8', partial(_read_planes, 'COLOR_YUV2BGR_YV12')),
     PixelFormat('MJPG', JPEG, _read_bytes), PixelFormat('JPEG', JPEG, _read_bytes),
     _raw('RGGB', 'bayer_rggb8'), _raw('BA81', 'bayer_bggr8'),
     _raw('GBRG', 'bayer_gbrg8'), _raw('GRBG', 'bayer_grbg8'),

@@ -24,12 +24,12 @@ import os
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.remedies import installation
 from opencv_tools.image.encodings import declared_encoding, find_encoding
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.opencv import cv2
 from opencv_tools.recording.errors import VideoError
 from opencv_tools.recording.file_sink import Room
 from opencv_tools.recording.image_encoder import LOSSLESS_VIDEO

@@ -23,7 +23,6 @@ from functools import partial
 import time
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.units import NANO
@@ -34,6 +33,7 @@ from opencv_tools.image.display import finite_limits
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image_codecs import convert_image
+from opencv_tools.opencv import cv2
 from opencv_tools.viewer.calibrate.session import Session, Sighting
 from opencv_tools.viewer.streams.feed import NewFrame
 from opencv_tools.viewer.streams.pixels import read_pixels

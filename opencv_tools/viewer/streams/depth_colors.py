@@ -20,12 +20,12 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.cv_bridge import cvtColorForDisplay
 from opencv_tools.image.encodings import Encoding
 from opencv_tools.image_codecs import apply_colormap
+from opencv_tools.opencv import cv2
 from opencv_tools.viewer.protocol import LARGEST
 from opencv_tools.viewer.streams.pixels import DISPARITY, Pixels
 
@@ -116,8 +116,8 @@ class DepthRange:
 UNITS = {'16UC1': 'mm', '32FC1': 'm', DISPARITY.name: 'px'}
 
 # Colormap of OpenCV, and the colour of pixels without depth in BGR, which no depth has.
-_COLORS: dict[str, tuple[int | None, tuple[int, int, int]]] = {
-    'gray': (None, (110, 0, 0)), 'turbo': (cv2.COLORMAP_TURBO, (128, 128, 128))}
+_COLORS: dict[str, tuple[str, tuple[int, int, int]]] = {
+    'gray': ('', (110, 0, 0)), 'turbo': ('COLORMAP_TURBO', (128, 128, 128))}
 # Pixels that are measured at most.
 _MEASURED = 50_000
 
@@ -150,7 +150,7 @@ def color_numbers(
     shown = (np.full(image.shape, 128, np.uint8) if low == high else
              cvtColorForDisplay(image, 'passthrough', 'mono8', False, low, high))
     colormap, no_number = _COLORS[colors if encoding.name in UNITS else 'gray']
-    if colormap is not None:
+    if colormap:
         shown = apply_colormap(shown, colormap)
     missing = missing_numbers(image, encoding)
     if missing.any():

@@ -20,7 +20,6 @@ from dataclasses import dataclass, KW_ONLY, replace
 from math import ceil, sqrt
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
@@ -36,6 +35,7 @@ from opencv_tools.image.orientation import (
     is_sideways, jpeg_orientation, reversed_axes, turn_upright)
 from opencv_tools.image.picture_formats import MAX_SIDES
 from opencv_tools.image_codecs import check_complete, convert_image
+from opencv_tools.opencv import cv2
 from opencv_tools.viewer.errors import MAX_MESSAGE
 from opencv_tools.viewer.region import Region, region_within
 from opencv_tools.viewer.streams.depth_colors import (
@@ -137,8 +137,8 @@ _SMALL = 200_000
 _SAMPLING_444 = 0x111111  # IMWRITE_JPEG_SAMPLING_FACTOR_444, which old versions of OpenCV lack
 _SAMPLING_FACTOR = 7  # IMWRITE_JPEG_SAMPLING_FACTOR, which they leave out
 # OpenCV decodes a JPEG at a half, a quarter or an eighth of its size in less time.
-_REDUCED = {2: cv2.IMREAD_REDUCED_COLOR_2, 4: cv2.IMREAD_REDUCED_COLOR_4,
-            8: cv2.IMREAD_REDUCED_COLOR_8}
+_REDUCED = {1: 'IMREAD_COLOR', 2: 'IMREAD_REDUCED_COLOR_2', 4: 'IMREAD_REDUCED_COLOR_4',
+            8: 'IMREAD_REDUCED_COLOR_8'}
 
 
 @dataclass(frozen=True)
@@ -248,11 +248,11 @@ def _encode_compressed(
         return Picture(data=content, width=width, height=height, source_size=(width, height),
                        encoding=described, region=region, is_kept=True)
     most = region.width // wanted
-    factor = max((step for step in _REDUCED if step <= most), default=1)
+    factor = max(step for step in _REDUCED if step <= max(1, most))
     try:
         decoded = cv2.imdecode(
             np.frombuffer(content, np.uint8),
-            _REDUCED.get(factor, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION)
+            getattr(cv2, _REDUCED[factor]) | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as err:
         raise CodecError(f'{len(content)} bytes cannot be decoded as JPEG: {err.err}') from err
     if decoded is None:
