@@ -137,7 +137,7 @@ class LoanedFrame:
         self._image = self._slot = None
         if image is None or kind is not None:
             return
-        if self._size >= _LEAST_BYTES and np.array_equal(self._marked(image), _MARK):
+        if self._is_unwritten(image):
             self._log.error(
                 'a loaned frame is not published, because nothing was written to its image: '
                 "OpenCV writes to 'dst' only if it has the size and type of the result",
@@ -154,6 +154,13 @@ class LoanedFrame:
                     'a loaned frame is copied, because an array of it is in use after its block: '
                     'write loan.image instead of a name of your own', once='loan')
         self._publish(image, self.source, slot)
+
+    def _is_unwritten(self, image: NDArray[Any]) -> bool:
+        """Return whether nobody has written to the image; most were written to at their end."""
+        if self._size < _LEAST_BYTES:
+            return False
+        marked = self._marked(image)
+        return bool(marked[-1] == _MARK[-1] and (marked == _MARK).all())
 
     def _marked(self, image: NDArray[Any]) -> NDArray[np.uint8]:
         """Return a view of bytes from the first to the last one, which the user overwrites."""

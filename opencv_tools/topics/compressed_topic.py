@@ -39,6 +39,7 @@ _MAX_WITHOUT = 10
 _LOGGED_SECONDS = 10.0
 _MATCH_SECONDS = 1.0  # for subscribers that have waited for the publisher
 _POLL_SECONDS = 0.005
+_COUNT_SECONDS = 0.1  # from one count of subscribers without a publisher to the next
 
 
 class CompressedTopic:
@@ -66,6 +67,7 @@ class CompressedTopic:
         self._lock = Lock()
         self._without = _MAX_WITHOUT - 1  # the first frame decides alone
         self._publisher: Publisher | None = None
+        self._waiting, self._next_count = 0, 0.0  # subscribers without a publisher
         #: Number of images that were published.
         self.sent = 0
         #: Name of the topic after remapping.
@@ -154,8 +156,13 @@ class CompressedTopic:
             time.sleep(_POLL_SECONDS)
 
     def _count(self) -> int:
-        return int(self._publisher.get_subscription_count() if self._publisher
-                   else self._node.count_subscribers(self.topic_name))
+        if self._publisher:
+            return int(self._publisher.get_subscription_count())
+        now = time.monotonic()
+        if now >= self._next_count:  # the graph takes as long as the rest of a frame
+            self._next_count = now + _COUNT_SECONDS
+            self._waiting = self._node.count_subscribers(self.topic_name)
+        return self._waiting
 
     def _remove(self) -> None:
         if self._publisher:

@@ -58,6 +58,9 @@ class OnlyShared:
             self.count = max(self.count, count)
         elif (count > self.count or not self._has_begun) and not any(
                 earlier <= messages and known >= count for earlier, known in self._later):
+            if self._has_begun:  # without those that say less
+                self._later = [(earlier, known) for earlier, known in self._later
+                               if earlier < messages or known > count]
             del self._later[_MAX_LATER - 1:]
             self._later.append((messages, count))
 

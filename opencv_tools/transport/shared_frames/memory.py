@@ -65,7 +65,7 @@ class FrameMemory:
         self._shared_memory = shared_memory
         user = os.getuid()
         folder = private_folder(shared_memory / f'opencv_tools_{user}')
-        with shared_memory_errors():
+        with shared_memory_errors:
             self.check_room(0)
             iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
             config = iceoryx2.config.default()
@@ -91,7 +91,7 @@ class FrameMemory:
 
     def remove_dead(self) -> None:
         """Remove the writers and readers of killed processes of this user, and their files."""
-        with suppress(SharedMemoryError), shared_memory_errors():
+        with suppress(SharedMemoryError), shared_memory_errors:
             self._node.try_cleanup_dead_nodes()
 
     def create_writer(self, frame_bytes: int, *, overwrites: bool = True) -> FrameWriter:
@@ -104,7 +104,7 @@ class FrameMemory:
         :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
         """
         self.check_room(frame_bytes)
-        with shared_memory_errors():
+        with shared_memory_errors:
             return FrameWriter(self, uuid.uuid4().hex, frame_bytes, overwrites)
 
     def open_reader(
@@ -120,7 +120,7 @@ class FrameMemory:
         """
         self.check_room(0)
         try:
-            with shared_memory_errors():
+            with shared_memory_errors:
                 return FrameReader(self, service, min(depth, MAX_DEPTH), max_views)
         except SharedMemoryError as err:
             if 'Exceeds' not in str(err):

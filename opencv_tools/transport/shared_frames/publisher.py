@@ -81,7 +81,8 @@ class SharedFramePublisher:
         self.frames = self.messages = 0
         self._announced_only_shared = 0
         self._publisher = zero_copy.publisher_id(images.handle)
-        self._identity = publisher_identity(self._publisher, images.topic_name)
+        self._fields = FrameHeader()  # of the last frame
+        self._fields.identity[:] = publisher_identity(self._publisher, images.topic_name)
         #: Name of the topic of the announcement.
         self.topic_name = f'{images.topic_name}{SUFFIX}'
         self._announcements = node.create_publisher(
@@ -155,7 +156,7 @@ class SharedFramePublisher:
         def send() -> bool:
             nonlocal slot, is_message, give_up_at
             filled, slot = slot, None
-            if not self.has_subscribers:
+            if filled is None and not self.has_subscribers:  # a slot is lent for subscribers
                 if not self._is_announced:
                     self._writer = None  # its readers have left; others need the memory
                 return True
@@ -219,13 +220,12 @@ class SharedFramePublisher:
         :returns: whether all readers had room for it.
         :raises SharedMemoryError: the texts are too long, or iceoryx2 failed.
         """
-        header = image.header
-        fields = FrameHeader(
-            number=self.frames + 1, message=self.messages + is_message, is_message=is_message,
-            publish_ns=time.time_ns(), sec=header.sec, nanosec=header.nanosec,
-            height=image.height, width=image.width, step=image.step,
-            is_bigendian=image.is_bigendian)
-        fields.identity[:] = self._identity
+        header, fields = image.header, self._fields
+        fields.number, fields.is_message = self.frames + 1, is_message
+        fields.message, fields.publish_ns = self.messages + is_message, time.time_ns()
+        fields.sec, fields.nanosec = header.sec, header.nanosec
+        fields.height, fields.width, fields.step = image.height, image.width, image.step
+        fields.is_bigendian = image.is_bigendian
         return slot.publish(fields, header.frame_id, image.encoding)
 
     def _withdraw(self, err: SharedMemoryError) -> None:

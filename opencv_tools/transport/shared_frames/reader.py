@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import ctypes
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ class FrameReader:
         :raises SharedMemoryError: iceoryx2 failed.
         """
         try:
-            with shared_memory_errors():
+            with shared_memory_errors:
                 return bool(self._listener.timed_wait(self._memory.duration(seconds)))
         except SharedMemoryError as err:
             if 'InterruptSignal' in str(err):  # by any signal, such as SIGCONT
@@ -76,7 +77,7 @@ class FrameReader:
             returns the next frame.
         :raises SharedMemoryError: iceoryx2 failed.
         """
-        with shared_memory_errors():
+        with shared_memory_errors:
             sample = self._subscriber.receive()
         if sample is None:
             return None
@@ -89,14 +90,24 @@ class FrameReader:
             raise CdrError(f'the header of a frame declares {sum(sizes)} bytes, but it has '
                            f'{payload.size}')
         data, texts = payload[:sizes[0]], payload[sizes[0]:sum(sizes)].tobytes()
-        try:
-            frame_id, encoding = texts[:sizes[1]].decode(), texts[sizes[1]:].decode()
-        except UnicodeDecodeError as err:
-            raise CdrError(f'a text of a frame is not UTF-8: {err}') from err
+        frame_id, encoding = _decoded(texts, sizes[1])
         if len(self._views) > self._max_views:
             data = data.copy()
             data.flags.writeable = False
         return SharedFrame(header, frame_id, encoding, data)
+
+
+@lru_cache(16)  # the same for most frames of a publisher
+def _decoded(texts: bytes, size: int) -> tuple[str, str]:
+    """
+    Return frame_id and encoding.
+
+    :param size: bytes of the frame_id.
+    """
+    try:
+        return texts[:size].decode(), texts[size:].decode()
+    except UnicodeDecodeError as err:
+        raise CdrError(f'a text of a frame is not UTF-8: {err}') from err
 
 
 class _HeldFrame:
@@ -106,10 +117,9 @@ class _HeldFrame:
         self._held = subscriber, sample
         self._views = views
         views.add(id(self))
-        payload = sample.payload()
         self.__array_interface__ = {
-            'shape': (payload.len(),), 'typestr': '|u1', 'data': (payload.as_ptr(), True),
-            'version': 3}
+            'shape': (sample.header.number_of_elements,), 'typestr': '|u1',
+            'data': (sample.payload_ptr, True), 'version': 3}
 
     def __del__(self) -> None:
         """Release the memory, and only then count it as released: another thread may receive."""

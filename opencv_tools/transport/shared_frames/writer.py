@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import ctypes
+from functools import lru_cache
 from typing import Any
 import weakref
 
@@ -27,16 +28,17 @@ from opencv_tools.transport.shared_frames.pages import (
 
 #: Slots that users may fill at once. One more is for frames that are copied.
 MAX_LOANS = 3
+#: Bytes for frame_id and encoding behind the pixels.
+TEXT_BYTES = 512
 
 
 class _LoanedMemory:
     """The memory of a slot, which returns to the writer with the last view of it."""
 
-    def __init__(self, sample: Any, pixels: Pixels) -> None:
+    def __init__(self, sample: Any, size: int) -> None:
         self._sample = sample
         self.__array_interface__ = {
-            'shape': pixels.shape, 'typestr': '|u1', 'data': (pixels.ctypes.data, False),
-            'version': 3}
+            'shape': (size,), 'typestr': '|u1', 'data': (sample.payload_ptr, False), 'version': 3}
 
 
 class Slot:
@@ -45,7 +47,7 @@ class Slot:
     def __init__(self, writer: FrameWriter, sample: Any, size: int) -> None:
         self.writer = writer
         self._sample = sample
-        self._payload = _as_array(sample.payload_ptr, sample.payload().len())
+        self._payload = _as_array(sample.payload_ptr, size + TEXT_BYTES)
         #: Memory for the pixels, (size,) uint8, not initialised. No view of it outlives the slot.
         self.data = self._payload[:size]
 
@@ -55,7 +57,7 @@ class Slot:
 
         :returns: the array, and a reference that is dead when no view of the array is left.
         """
-        memory = _LoanedMemory(self._sample, self.data)
+        memory = _LoanedMemory(self._sample, len(self.data))
         self.writer.loans.add(memory)
         return np.asarray(memory), weakref.ref(memory)
 
@@ -67,23 +69,19 @@ class Slot:
         :returns: whether all readers had room for the frame.
         :raises SharedMemoryError: the texts are too long, or iceoryx2 failed.
         """
-        texts = frame_id.encode(), encoding.encode()
-        size = len(self.data)
-        end = size + sum(map(len, texts))
-        if end > len(self._payload):
-            raise SharedMemoryError(f'frame_id and encoding have {end - size} bytes, '
-                                    f'{len(self._payload) - size} are possible')
-        self._payload[size:end] = np.frombuffer(b''.join(texts), np.uint8)
-        header.data_size = size
-        header.frame_id_size, header.encoding_size = map(len, texts)
+        texts, *sizes = _encoded(frame_id, encoding)
+        size = header.data_size = len(self.data)
+        if len(texts) > TEXT_BYTES:
+            raise SharedMemoryError(f'frame_id and encoding have {len(texts)} bytes, '
+                                    f'{TEXT_BYTES} are possible')
+        self._payload[size:size + len(texts)] = texts
+        header.frame_id_size, header.encoding_size = sizes
         return self.writer.send(self._sample, header)
 
 
 class FrameWriter:
     """Writes frames to a service."""
 
-    # Bytes for frame_id and encoding behind the pixels.
-    _TEXT_BYTES = 512
     # Upper limit for the fields of iceoryx2 and ours before the pixels.
     _HEADER_BYTES = 4096
 
@@ -92,7 +90,7 @@ class FrameWriter:
     ) -> None:
         self.service = service
         self._memory = memory
-        self._largest = frame_bytes + self._TEXT_BYTES
+        self._largest = frame_bytes + TEXT_BYTES
         self._allocated: dict[int, int] = {}  # bytes by the address of a slot
         #: Memory that users hold.
         self.loans: weakref.WeakSet[_LoanedMemory] = weakref.WeakSet()
@@ -117,12 +115,12 @@ class FrameWriter:
         :param size: bytes of the pixels.
         :raises SharedMemoryError: /dev/shm is full, or iceoryx2 failed.
         """
-        needed = size + self._TEXT_BYTES
+        needed = size + TEXT_BYTES
         if needed > self._largest:  # a new segment, whose slots may have addresses of the old one
             self._memory.check_room(needed)
             self._largest = needed
             self._allocated.clear()
-        with shared_memory_errors():
+        with shared_memory_errors:
             sample = self._publisher.loan_slice_uninit(needed)
             if self._allocated.get(sample.payload_ptr, 0) < needed:
                 # iceoryx2 writes its header of the next slot before it lends that slot.
@@ -132,11 +130,18 @@ class FrameWriter:
 
     def send(self, sample: Any, header: FrameHeader) -> bool:
         """Send a filled slot, see `Slot.publish`."""
-        with shared_memory_errors():
+        with shared_memory_errors:
             ctypes.memmove(sample.user_header_ptr, ctypes.byref(header), ctypes.sizeof(header))
             received = sample.assume_init().send()
             self._notifier.notify()
             return bool(received >= self.readers)
+
+
+@lru_cache(16)  # the same for most frames of a publisher
+def _encoded(frame_id: str, encoding: str) -> tuple[Pixels, int, int]:
+    """Return both texts as bytes, and the number of bytes of each."""
+    first, second = frame_id.encode(), encoding.encode()
+    return np.frombuffer(first + second, np.uint8), len(first), len(second)
 
 
 def _as_array(address: int, size: int) -> Pixels:
