@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
@@ -132,6 +132,8 @@ class Camera:
 
     live: Literal[True] = True
     missed = 0
+    needs_every = False
+    warnings: Sequence[str] = ()
     name = 'a camera'
 
     def __init__(self, load: Load, encoding: str = 'bgr8') -> None:
@@ -159,8 +161,10 @@ class Camera:
         return left <= seconds
 
     def skip(self) -> None:
-        """Pass over a frame."""
+        """Pass over a frame. After a stall frames come at the rate, as those of a driver do."""
         self._due += 1 / self.rate
+        if self._due < time.monotonic():
+            self._due = time.monotonic() + 1 / self.rate
 
     def read(self) -> CapturedFrame:
         """Return the next frame."""

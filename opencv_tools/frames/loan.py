@@ -121,11 +121,12 @@ class LoanedFrame:
         self._slot = self._lend(self._size)
         if self._slot:
             data, self._views = self._slot.loan()
+            self._published = self._view(self._slot.data)
         else:
             data = np.empty(self._size, np.uint8)
         self._image = self._view(data)
-        if self._size >= _LEAST_BYTES:
-            self._marked(self._image)[:] = _MARK
+        marked = self._marked(self._image)
+        marked[:] = _MARK[:len(marked)]
         return self
 
     def __exit__(
@@ -144,11 +145,9 @@ class LoanedFrame:
                 every=1.0, key='loan')
             return
         if slot and self._views:
-            image = None  # the last view, if the user has no other
+            image = self._published  # ``image`` was the last view, if the user has no other
             memory = self._views()
-            if memory is None:
-                image = self._view(slot.data)
-            else:
+            if memory is not None:
                 image, slot = self._view(np.asarray(memory)), None
                 self._log.warning(
                     'a loaned frame is copied, because an array of it is in use after its block: '
@@ -157,16 +156,14 @@ class LoanedFrame:
 
     def _is_unwritten(self, image: NDArray[Any]) -> bool:
         """Return whether nobody has written to the image; most were written to at their end."""
-        if self._size < _LEAST_BYTES:
-            return False
         marked = self._marked(image)
-        return bool(marked[-1] == _MARK[-1] and (marked == _MARK).all())
+        return bool(len(marked) and marked[-1] == _MARK[-1] and (marked == _MARK).all())
 
     def _marked(self, image: NDArray[Any]) -> NDArray[np.uint8]:
-        """Return a view of bytes from the first to the last one, which the user overwrites."""
+        """Return a view of bytes from the first to the last one; none of a small image."""
         step = (self._size - 1) // (len(_MARK) - 1)
-        data = image.reshape(-1).view(np.uint8)
-        return data[:(len(_MARK) - 1) * step + 1:step]
+        end = (len(_MARK) - 1) * step + 1 if self._size >= _LEAST_BYTES else 0
+        return image.reshape(-1).view(np.uint8)[:end:max(1, step)]
 
     def _view(self, data: NDArray[np.uint8]) -> NDArray[Any]:
         return view_image(data, self._height, self._width, self._encoding)

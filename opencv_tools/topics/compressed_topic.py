@@ -160,8 +160,8 @@ class CompressedTopic:
             return int(self._publisher.get_subscription_count())
         now = time.monotonic()
         if now >= self._next_count:  # the graph takes as long as the rest of a frame
-            self._next_count = now + _COUNT_SECONDS
-            self._waiting = self._node.count_subscribers(self.topic_name)
+            self._waiting, self._next_count = (
+                self._node.count_subscribers(self.topic_name), now + _COUNT_SECONDS)
         return self._waiting
 
     def _remove(self) -> None:

@@ -96,3 +96,32 @@ def test_sum_of_the_processes(cpu: float) -> None:
     from transport_run import _result
     result = _result(_load(), [_measured(0.25)], [_measured(1.0)], _measured(cpu))
     assert (result.cpu, result.publisher_cpu, result.filter_cpu) == (cpu + 1.25, cpu, 0.5)
+
+
+@pytest.mark.parametrize('stall', (0.0, 0.3, 0.8))
+@pytest.mark.usefixtures('benchmarks')
+def test_rate_after_a_stall(stall: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames that waited are not sent all at once."""
+    import transport_parts
+    now = 100.0
+    monkeypatch.setattr(transport_parts.time, 'monotonic', lambda: now)
+    camera = transport_parts.Camera(_load())
+    camera.read()
+    now += stall
+    times = []
+    for _ in range(20):
+        while not camera.wait(0.0):
+            now += 0.001
+        times.append(now)
+        camera.read()
+    gaps = [later - earlier for earlier, later in zip(times, times[1:])]
+    assert min(gaps) == pytest.approx(1 / 30, abs=0.002)
+
+
+@pytest.mark.usefixtures('benchmarks')
+def test_camera_is_a_source() -> None:
+    from opencv_tools.capture.frame import LiveSource
+    from transport_parts import Camera
+    camera = Camera(_load())
+    names = {name for known in LiveSource.__mro__ for name in getattr(known, '__annotations__', ())}
+    assert names and not [name for name in names if not hasattr(camera, name)]

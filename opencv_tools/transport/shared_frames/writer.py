@@ -47,7 +47,8 @@ class Slot:
     def __init__(self, writer: FrameWriter, sample: Any, size: int) -> None:
         self.writer = writer
         self._sample = sample
-        self._payload = _as_array(sample.payload_ptr, size + TEXT_BYTES)
+        memory: Any = (ctypes.c_uint8 * (size + TEXT_BYTES)).from_address(sample.payload_ptr)
+        self._payload = np.frombuffer(memory, np.uint8)
         #: Memory for the pixels, (size,) uint8, not initialised. No view of it outlives the slot.
         self.data = self._payload[:size]
 
@@ -142,8 +143,3 @@ def _encoded(frame_id: str, encoding: str) -> tuple[Pixels, int, int]:
     """Return both texts as bytes, and the number of bytes of each."""
     first, second = frame_id.encode(), encoding.encode()
     return np.frombuffer(first + second, np.uint8), len(first), len(second)
-
-
-def _as_array(address: int, size: int) -> Pixels:
-    memory: Any = (ctypes.c_uint8 * size).from_address(address)
-    return np.frombuffer(memory, np.uint8)
