@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 import json
 from pathlib import Path
 import sys
@@ -114,7 +115,7 @@ def test_rate_after_a_stall(stall: float, monkeypatch: pytest.MonkeyPatch) -> No
             now += 0.001
         times.append(now)
         camera.read()
-    gaps = [later - earlier for earlier, later in zip(times, times[1:])]
+    gaps = [later - earlier for earlier, later in pairwise(times)]
     assert min(gaps) == pytest.approx(1 / 30, abs=0.002)
 
 
@@ -123,5 +124,6 @@ def test_camera_is_a_source() -> None:
     from opencv_tools.capture.frame import LiveSource
     from transport_parts import Camera
     camera = Camera(_load())
-    names = {name for known in LiveSource.__mro__ for name in getattr(known, '__annotations__', ())}
+    names = {name for known in LiveSource.__mro__
+             for name in getattr(known, '__annotations__', ())}
     assert names and not [name for name in names if not hasattr(camera, name)]
