@@ -24,6 +24,7 @@ from opencv_tools.nodes.help_text import check_options
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start
 from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
+from rclpy.utilities import remove_ros_args
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +60,7 @@ class Executable:
             return []
         table = parameter_table(self.settings)
         mistakes = check_ros_arguments(args, self.name, self.node, table)
-        check_options(self.name, args)
+        check_options(self.name, remove_ros_args(args))  # which refuses what rcl refuses
         return mistakes
 
     def read_start(self, args: Sequence[str]) -> tuple[int, int]:
