@@ -26,7 +26,7 @@ import signal
 import socket
 import sys
 from tempfile import mkdtemp
-from threading import get_ident, Thread
+from threading import Thread
 import time
 from types import FrameType
 from typing import Any
@@ -337,28 +337,8 @@ class ClockWatch:
                     'clock:=true, or unset use_sim_time; frames have no stamp until then')))
 
 
-class CalmExecutor(SingleThreadedExecutor):
-    """
-    An executor that its own callbacks do not wake: the thread of its creator spins it.
-
-    rclpy wakes the executor twice for each callback, also in the thread that spins and that looks
-    for work afterwards anyway. It would collect all entities of the node twice for each frame.
-    """
-
-    def __init__(self, **options: Any) -> None:
-        """
-        Take the calling thread for the one that spins.
-
-        :param options: arguments of ``SingleThreadedExecutor``.
-        """
-        super().__init__(**options)
-        guard, spinning = self._guard, get_ident()
-        wake = guard.trigger
-        vars(guard)['trigger'] = lambda: None if get_ident() == spinning else wake()
-
-
 def _run(node: ClosableNode, signals: NodeSignals) -> int:
-    executor = CalmExecutor()
+    executor = SingleThreadedExecutor()
     executor.add_node(node)
     ClockWatch(node)
 

@@ -39,7 +39,7 @@ _GIVES = re.compile(
 #: Code lines that a room may have: a number grows only by what another room gave back.
 BUDGET = {
     '': 964, 'bags': 1252, 'base': 635, 'calibration': 1781, 'capture': 2275, 'convert': 416,
-    'datasets': 2935, 'frames': 442, 'image': 1360, 'message_types': 559, 'nodes': 2588,
+    'datasets': 2935, 'frames': 442, 'image': 1360, 'message_types': 559, 'nodes': 2582,
     'recording': 2355, 'robot': 6329, 'topics': 1944, 'transport': 1160, 'video': 907, 'viewer':
     5198}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
