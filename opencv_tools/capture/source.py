@@ -24,22 +24,26 @@ import os
 from pathlib import Path
 import stat
 
+import cv2
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.depth_video import deep_pixels, DepthVideoSource, is_gray
+from opencv_tools.capture.container import known_count, open_container
 from opencv_tools.capture.errors import CaptureError, UnavailableError
 from opencv_tools.capture.frame import Source
 from opencv_tools.capture.image_files import IMAGE_SUFFIXES, ImageFileSource
+from opencv_tools.capture.opencv_video import (
+    check_pictures, frame_count, open_video, OpenCvStream, OpenCvVideo)
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.pattern import parse_pattern, PatternSource
 from opencv_tools.capture.settings import CaptureSettings
-from opencv_tools.capture.stream import open_stream, OpenCvStream, STREAM_SCHEMES, StreamSource
+from opencv_tools.capture.stream import AvStream, STREAM_SCHEMES, StreamSource
+from opencv_tools.capture.urls import check_url
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
-from opencv_tools.capture.video import check_url, frame_count, open_video, VideoSource
-from opencv_tools.opencv import cv2
+from opencv_tools.capture.video import VideoSource
+from opencv_tools.image.errors import VideoError
 
 # Similarity to the word ``pattern`` from which a name counts as a typing error, 0.0 to 1.0.
 _CLOSE = 0.8
@@ -155,19 +159,22 @@ def _is_url(text: str) -> bool:
 
 def _open_url(url: str, timeout: float) -> Source:
     """Open a stream, or a video file on a web server, which has a known number of frames."""
+    is_stream = url.partition(':')[0].lower() in STREAM_SCHEMES
     milliseconds = max(1, int(timeout * 1000))
     try:
-        if url.partition(':')[0].lower() in STREAM_SCHEMES:
-            stream = open_stream(url, timeout)
-            if stream:
-                return StreamSource(url, stream)
-        capture = open_video(url, cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, milliseconds,
-                             cv2.CAP_PROP_READ_TIMEOUT_MSEC, milliseconds)
+        try:
+            container = open_container(url, timeout)
+        except VideoError:  # no PyAV
+            capture = open_video(url, cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, milliseconds,
+                                 cv2.CAP_PROP_READ_TIMEOUT_MSEC, milliseconds)
+            if not is_stream and frame_count(capture):
+                return OpenCvVideo(url, capture)
+            return StreamSource(url, OpenCvStream(capture))
+        if not is_stream and known_count(container):
+            return VideoSource(url, container, timeout)
+        return StreamSource(url, AvStream(url, container))
     except CaptureError as err:
         raise UnavailableError(str(err)) from err
-    if frame_count(capture):
-        return VideoSource(url, capture)
-    return StreamSource(url, OpenCvStream(capture))
 
 
 def _open_path(path: Path, bag_topic: str | None) -> Source:
@@ -196,14 +203,12 @@ def _open_path(path: Path, bag_topic: str | None) -> Source:
         raise CaptureError(f'{shown} is {kind}; give a file or a folder')
     if is_image_file:
         return ImageFileSource([path], str(path))
-    capture = open_video(str(path))
-    pixels = deep_pixels(path, capture) if stat.S_ISREG(mode) else ''
-    if is_gray(pixels):
-        return DepthVideoSource(path, capture, pixels)
-    video = VideoSource(str(path), capture)
-    video.warnings = [f'{shown} has pixels of {pixels}, which are reduced to 8 bits a channel; '
-                      'only gray videos keep more'] if pixels else []
-    return video
+    try:
+        return VideoSource(str(path), open_container(str(path)))
+    except VideoError:  # no PyAV
+        if stat.S_ISREG(mode):
+            check_pictures(str(path))
+        return OpenCvVideo(str(path), open_video(str(path)))
 
 
 def _open_folder(path: Path) -> ImageFileSource:

@@ -19,17 +19,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
-import math
-import os
 from threading import Condition, Thread
 import time
 from typing import Any, Literal, Protocol
 
 from opencv_tools.base.text import without_password
+from opencv_tools.capture.container import stream_rate
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
-from opencv_tools.capture.frame import CapturedFrame, live_frame, MAX_RATE
+from opencv_tools.capture.frame import CapturedFrame, live_frame
 from opencv_tools.capture.live_video import LiveVideo
-from opencv_tools.capture.video import describe_failure, describe_video, video_rate
+from opencv_tools.capture.urls import describe_failure
 from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
 from opencv_tools.opencv import cv2
@@ -39,9 +38,6 @@ from opencv_tools.video.settings import import_av
 #: Schemes of URLs that are streams, never files.
 STREAM_SCHEMES = ('rtsp', 'rtsps', 'rtmp', 'rtmps', 'rtp', 'srt', 'tcp', 'udp')
 
-# Options of FFmpeg as 'name;value|name;value', which OpenCV reads too, and its default.
-_VARIABLE = 'OPENCV_FFMPEG_CAPTURE_OPTIONS'
-_DEFAULT = 'rtsp_transport;tcp'
 # Packets of video that wait to be read, and their bytes. The others are missed.
 _MAX_WAITING = 120
 _MAX_WAITING_BYTES = 1 << 26
@@ -55,19 +51,22 @@ class AvStream:
     could not be used.
     """
 
-    def __init__(self, container: Any, stream: Any) -> None:
+    def __init__(self, url: str, container: Any) -> None:
         """
         Wrap an open stream.
 
-        :param container: container that PyAV has opened.
-        :raises VideoError: the header of the stream is damaged.
+        :param container: the stream, as ``open_container`` returns it.
+        :raises CaptureError: the header of the stream is damaged.
         """
-        self._container, self._stream = container, stream
-        context = stream.codec_context
+        self._container, self._stream = container, container.streams.video[0]
+        context = self._stream.codec_context
         self.needs_every = context.name == 'h264' and not context.has_b_frames
-        rate = float(stream.average_rate or stream.guessed_rate or 0)
-        self.rate = rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
-        self._video = LiveVideo(bytes(context.extradata or b'') if self.needs_every else b'')
+        self.rate = stream_rate(self._stream)
+        try:
+            self._video = LiveVideo(bytes(context.extradata or b'') if self.needs_every else b'')
+        except VideoError as err:
+            container.close()
+            raise CaptureError(describe_failure(url)) from err
         self._damaged = 0
         self.description = (f'{"H264 " * self.needs_every}{context.width}x{context.height} at '
                             f'{self.rate:g} Hz')
@@ -112,34 +111,6 @@ class AvStream:
             self._damaged += 1
 
 
-def open_stream(url: str, timeout: float) -> AvStream | None:
-    """
-    Open a stream.
-
-    :param url: URL with one of ``STREAM_SCHEMES``.
-    :param timeout: timeout in seconds for opening the stream and for reading from it.
-    :returns: the stream; None without PyAV.
-    :raises CaptureError: the stream cannot be opened, or has no video.
-    """
-    try:
-        av = import_av()
-    except VideoError:
-        return None
-    pairs = (pair.partition(';') for pair in os.environ.get(_VARIABLE, _DEFAULT).split('|'))
-    try:
-        container = av.open(url, options={name: value for name, _, value in pairs if name},
-                            timeout=timeout)
-    except (av.error.FFmpegError, OSError, ValueError) as err:
-        raise CaptureError(describe_failure(url)) from err
-    try:
-        if container.streams.video:
-            return AvStream(container, container.streams.video[0])
-    except VideoError:
-        pass  # the error is the same
-    container.close()
-    raise CaptureError(describe_failure(url))
-
-
 class OpenStream(Protocol):
     """
     A stream that one thread reads.
@@ -164,38 +135,6 @@ class OpenStream(Protocol):
 
     def close(self) -> None:
         """Close the connection."""
-
-
-class OpenCvStream:
-    """A stream that OpenCV decodes."""
-
-    needs_every = False
-    missed = 0
-
-    def __init__(self, capture: cv2.VideoCapture) -> None:
-        """
-        Wrap an open stream.
-
-        :param capture: the stream, as ``open_video`` returns it.
-        """
-        self.rate = video_rate(capture)
-        self.description = describe_video(capture)
-        self._capture = capture
-
-    def frames(self) -> Iterator[CapturedFrame]:
-        """Yield the frames."""
-        while True:
-            is_decoded, image = self._capture.read()
-            if not is_decoded:
-                return
-            yield CapturedFrame(image, 'bgr8', time.monotonic_ns())
-
-    def lose(self) -> None:
-        """Do nothing, because each frame is an image."""
-
-    def close(self) -> None:
-        """Close the connection."""
-        self._capture.release()
 
 
 class StreamSource:

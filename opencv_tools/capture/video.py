@@ -12,218 +12,185 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Video files as a source, decoded by the FFmpeg backend of OpenCV."""
+"""Video files as a source, decoded by PyAV."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-import math
-from pathlib import Path
+from collections import deque
+from itertools import chain
 import re
-import socket
-from typing import Literal
-from urllib.parse import quote, urlsplit
+from typing import Any, Literal
 
-from opencv_tools.base.text import enumerated, MAX_PATH, printable, without_password
+import numpy as np
+from opencv_tools.base.text import MAX_PATH, printable, without_password
+from opencv_tools.capture.container import known_count, open_container, stream_rate
+from opencv_tools.capture.declared_size import check_end
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
-from opencv_tools.opencv import cv2
+from opencv_tools.capture.frame import CapturedFrame
+from opencv_tools.image.orientation import matrix_orientation, turn_upright
+from opencv_tools.video.lossless import (
+    describe_tags, has_no_sums, has_valid_sums, tagged_encoding)
+from opencv_tools.video.pixels import to_bgr
+from opencv_tools.video.settings import import_av
 
-# Containers with an index of their frames. For other containers OpenCV estimates the number.
-_LISTED_SUFFIXES = frozenset(('.mp4', '.m4v', '.mov', '.avi'))
-# A Matroska file begins with the first element. The second one has the size of all that follows.
-_EBML, _SEGMENT, _HEAD_BYTES = b'\x1a\x45\xdf\xa3', b'\x18\x53\x80\x67', 256
-
-# URL schemes that FFmpeg opens over TCP, with their default ports.
-_PORTS = {'http': 80, 'https': 443, 'rtsp': 554, 'rtsps': 322, 'rtmp': 1935, 'rtmps': 443,
-          'ftp': 21, 'tcp': 0}
-
-# Schemes that need a host; udp://@:5000 and srt://:9000 listen.
-_WITH_HOST = ('http', 'https', 'rtsp', 'rtsps', 'rtmp', 'rtmps', 'ftp')
-# Timeout of the connection to each address of the server.
-_ANSWER_SECONDS = 2.0
-
-# Characters that a user name or password may have as they are, and those that are encoded already.
-_ALLOWED = "!$&'()*+,;=:@"
-_ENCODED = re.compile('%[0-9A-Fa-f]{2}')
+_GRAY = re.compile('gray[0-9]+[bl]e')
 
 
 class VideoSource:
-    """A video file. Each frame has its time in the file."""
+    """
+    A video file. Each frame has its time in the file.
+
+    Gray videos of more than 8 bits are read as the numbers that they have.
+    """
 
     live: Literal[False] = False
-    warnings: Sequence[str] = ()
 
-    def __init__(self, location: str, capture: cv2.VideoCapture) -> None:
+    def __init__(self, location: str, container: Any, timeout: float | None = None) -> None:
         """
-        Wrap an open video.
+        Read from a container.
 
         :param location: path of the file, or its URL on a web server.
-        :param capture: the open video, as ``open_video`` returns it.
+        :param container: the container, as ``open_container`` returns it.
+        :param timeout: timeout in seconds for opening it again; None to wait.
+        :raises CaptureError: it has no packet.
         """
-        self._location = location
-        self.name = without_password(location)
-        self._capture = capture
-        self.rate = video_rate(capture)
-        self.description = describe_video(capture)
-        self.count = frame_count(capture)
-        self._number = 0
-        self._is_checked = False
+        self.name = printable(without_password(location), MAX_PATH)
+        self._location, self._timeout = location, timeout
+        self._av = import_av()
+        self._container: Any = container
+        stream = container.streams.video[0]
+        self.rate, self.count = stream_rate(stream), known_count(container)
+        context = stream.codec_context
+        self._size = context.width, context.height
+        depth = max((one.bits for one in context.format.components), default=0
+                    ) if context.format else 0
+        self._pixels = context.format.name if depth > 8 else ''
+        #: Whether its numbers have more than 8 bits, which are kept.
+        self.is_deep = _GRAY.fullmatch(self._pixels) is not None
+        self.description = (f'{self._pixels + " " if self.is_deep else ""}'
+                            f'{context.width}x{context.height} at {self.rate:g} Hz')
+        self._begin()
 
     def skip(self) -> bool:
-        if self._capture.grab():
-            self._number += 1
+        try:
+            return self._next() is not None
+        except BrokenFrameError:
+            if self._is_checked:
+                raise
             return True
-        if not self._is_checked:
-            self._is_checked = True
-            check_end(self._location, self._number, self.count)
-        return False
 
     def read(self) -> CapturedFrame | None:
-        if not self.skip():
+        frame = self._next()
+        if frame is None:
             return None
-        position = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-        # OpenCV also returns 0 for an unknown time: for the last frames of an AVI with reordered
-        # frames (B-frames), and with OpenCV 4.6 for those of any file with reordered frames.
-        known = math.isfinite(position) and (position or self._number == 1)
-        decoded, image = self._capture.retrieve()
-        if not decoded:
-            raise BrokenFrameError(f'frame {self._number - 1} of {self.name} cannot be decoded')
-        return CapturedFrame(image, 'bgr8', position=position if known else None)
+        encoding = 'bgr8'
+        try:
+            if self.is_deep:
+                encoding, kind = self._encoding, '>u2' if self._pixels.endswith('be') else '<u2'
+                numbers = np.frombuffer(frame.planes[0], kind)
+                image = numbers.reshape(frame.height, -1)[:, :frame.width]
+            else:
+                image = to_bgr(frame)
+        except (self._av.error.FFmpegError, ValueError) as err:  # of invalid colours
+            raise self._broken(f': {err}') from err
+        matrix = frame.side_data.get('DISPLAYMATRIX')
+        if matrix:
+            image = turn_upright(image, matrix_orientation(bytes(matrix)))
+        # An AVI with reordered frames (B frames) has no other times.
+        ticks = frame.dts if frame.pts is None else frame.pts
+        position = None if ticks is None else float(
+            (ticks - (self._stream.start_time or 0)) * frame.time_base)
+        return CapturedFrame(image, encoding, position=position)
 
     def rewind(self) -> None:
-        # Reopening is exact for every container; seeking to frame 0 is not.
-        self._capture.release()
-        self._capture = open_video(self._location)
-        self._number = 0
+        # Opening it again is exact for every container; seeking to the first frame is not.
+        self.close()
+        self._container = open_container(self._location, self._timeout)
+        self._begin()
 
     def close(self) -> None:
-        self._capture.release()
+        self._container.close()
 
+    def _begin(self) -> None:
+        """Prepare to read the first packet, and find the warnings."""
+        self._stream = stream = self._container.streams.video[0]
+        context = stream.codec_context
+        self._is_ffv1 = context.name == 'ffv1'
+        # A picture of FFV1 is checked before it is decoded, and comes with its packet.
+        stream.thread_type = 'SLICE' if self._is_ffv1 else 'AUTO'
+        packets = self._container.demux(stream)
+        try:
+            first = next(packets)
+        except (self._av.error.FFmpegError, OSError, StopIteration) as err:
+            raise CaptureError(f'{self.name} cannot be read: {err}') from err
+        self._packets, self._decoded = chain((first,), packets), deque[Any]()
+        self._number = 0
+        self._needs_key = self._is_checked = False
+        # FFV1 before version 3 has no such data and no checksums.
+        self._may_have_sums = self._is_ffv1 and self.is_deep and bool(context.extradata)
+        self.warnings = []
+        if self._pixels and not self.is_deep:
+            self.warnings += [f'{self.name} has pixels of {self._pixels}, which are reduced to 8 '
+                              'bits a channel; only gray videos keep more']
+        if self.is_deep:
+            has_sums = self._may_have_sums and not has_no_sums(bytes(first))
+            # FFmpeg scales numbers for other formats, whose copied metadata are wrong.
+            tags = stream.metadata if self._pixels.startswith('gray16') else {}
+            self._encoding, wrong = tagged_encoding(tags) or 'mono16', describe_tags(tags)
+            self.warnings += [
+                f'{self.name} has no checksums, so that damaged frames are not noticed; FFmpeg '
+                'writes them with -c:v ffv1 -level 3 -slicecrc 1'
+            ] if self._is_ffv1 and not has_sums else []
+            self.warnings += [f'{self.name} has {wrong}'] if wrong else []
 
-def check_end(location: str, number: int, count: int) -> None:
-    """
-    Check that a video has the frames of its index, or the bytes of its header, if it has these.
+    def _next(self) -> Any:
+        """
+        Return the next picture; None at the end.
 
-    :param location: path of the file, or its URL.
-    :param number: number of frames until its end.
-    :param count: number of frames by OpenCV.
-    :raises BrokenFrameError: it has fewer.
-    """
-    path, rest = Path(location), ''
-    if path.suffix.lower() in _LISTED_SUFFIXES:
-        rest = f' of its {count} frames' if number < count else ''
-    elif path.is_file():
-        size, declared = path.stat().st_size, _declared_bytes(path)
-        rest = f' frames, with {size} of its {declared} bytes' if size < declared else ''
-    if rest:
-        raise BrokenFrameError(
-            f'{without_password(location)} is damaged: it ends after {number}{rest}')
+        :raises BrokenFrameError: it cannot be decoded, or the file ends early, once.
+        """
+        while not self._decoded:
+            try:
+                packet = next(self._packets, None)
+            except (self._av.error.FFmpegError, OSError) as err:
+                self._is_checked = True
+                raise BrokenFrameError(f'{self.name} cannot be read: {err}') from err
+            if packet is not None:
+                self._decoded.extend(self._decode(packet))
+            elif self._is_checked:
+                return None
+            else:
+                self._is_checked = True
+                check_end(self._location, self._number)
+        frame = self._decoded.popleft()
+        self._number += 1
+        # After a picture that cannot be decoded, others are not as they were.
+        self._needs_key = self._needs_key and not frame.key_frame
+        if self._needs_key or frame.is_corrupt or (self.is_deep and (
+                frame.width, frame.height, frame.format.name) != (*self._size, self._pixels)):
+            raise self._broken()
+        return frame
 
+    def _decode(self, packet: Any) -> list[Any]:
+        """
+        Return the pictures of a packet; the one without data at the end has the last ones.
 
-def _declared_bytes(path: Path) -> int:
-    """Return the size of a Matroska file by its header; 0 if it is unknown."""
-    with path.open('rb') as file:
-        head = file.read(_HEAD_BYTES)
-    begin = head.find(_SEGMENT) + len(_SEGMENT)
-    if not head.startswith(_EBML) or begin < len(_SEGMENT) or begin + 8 > len(head):
-        return 0
-    # The zeros at the begin of a number are its bytes after the first; ones only mean unknown.
-    length = 9 - head[begin].bit_length()
-    number, unknown = int.from_bytes(head[begin:begin + length], 'big'), (1 << 7 * length) - 1
-    return 0 if number & unknown == unknown else begin + length + (number & unknown)
+        :raises BrokenFrameError: it is damaged.
+        """
+        reason = ''
+        try:
+            if not (self._may_have_sums and packet.size) or (
+                    has_valid_sums(bytes(packet)) or has_no_sums(bytes(packet))):
+                frames = packet.decode() or []
+                if frames or not (self._is_ffv1 and packet.size):
+                    return list(frames)
+        except (self._av.error.FFmpegError, OSError, ValueError) as err:
+            reason = f': {getattr(err, "strerror", None) or err}'
+        self._number += 1
+        raise self._broken(reason)
 
-
-def open_video(location: str, *options: int) -> cv2.VideoCapture:
-    """
-    Open a video file or a stream.
-
-    :param location: path or URL.
-    :param options: ``cv2.CAP_PROP_*`` properties for opening, each followed by its value.
-    :returns: the open video.
-    :raises CaptureError: the location cannot be opened as a video.
-    """
-    capture = cv2.VideoCapture(location, cv2.CAP_FFMPEG, options)
-    if not capture.isOpened():
-        raise CaptureError(describe_failure(location) if '://' in location else
-                           f'{printable(location, MAX_PATH)} cannot be opened as a video: '
-                           'it is damaged or not a video')
-    return capture
-
-
-def video_rate(capture: cv2.VideoCapture) -> float:
-    """Return the frames per second in the header of a video; 0.0 if the value is implausible."""
-    rate = capture.get(cv2.CAP_PROP_FPS)
-    return rate if math.isfinite(rate) and 0 < rate <= MAX_RATE else 0.0
-
-
-def frame_count(capture: cv2.VideoCapture) -> int:
-    """Return the number of frames of a video file; 0 for a stream."""
-    return max(0, int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
-
-
-def describe_video(capture: cv2.VideoCapture) -> str:
-    """Return the size and rate of a video as text, such as ``640x480 at 30 Hz``."""
-    width, height = (int(capture.get(prop)) for prop in (
-        cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    return f'{width}x{height} at {video_rate(capture):g} Hz'
-
-
-def check_url(url: str) -> None:
-    """
-    Check that the host and the port of a URL can be read.
-
-    :raises ValueError: they cannot. The message has the characters of the user name and password
-        to encode, and no other part of the URL, because each may be a part of the password.
-    """
-    remedy = 'write HOST:PORT or [ADDRESS]:PORT, with a port from 0 to 65535'
-    try:
-        parts = urlsplit(url)
-        _ = parts.port
-        host = parts.hostname or ''
-        if (host or parts.scheme.lower() not in _WITH_HOST) and ' ' not in host:
-            return
-    except ValueError:  # it quotes a part of the URL
-        pass
-    user, at, _ = url.partition('://')[2].rpartition('@')
-    odd = sorted(letter for letter in {*_ENCODED.sub('', user)}
-                 if quote(letter, _ALLOWED, errors='replace') != letter)
-    if at and odd:
-        written = [f"'{printable(letter)}' as {quote(letter, '', errors='replace')}"
-                   for letter in odd]
-        remedy = f'write {enumerated(written)} in the user name and the password'
-    raise ValueError(f'the host and the port of this URL cannot be read: {remedy}')
-
-
-def describe_failure(url: str) -> str:
-    """
-    Return the reason why a stream could not be opened.
-
-    Connects to the server of the stream once, to find out whether the server is reachable.
-
-    :returns: a sentence with the host, the port and the reason, as far as they are known; without
-        the password of the URL.
-    """
-    shown = without_password(url)
-    unknown = f'{shown} cannot be opened as a video: it is unreachable or sends no video'
-    try:
-        check_url(url)
-        parts = urlsplit(url)
-        host, port = parts.hostname, parts.port or _PORTS.get(parts.scheme)
-        if '@' in parts.path + parts.query + parts.fragment:  # the host may be a part of the user
-            return (f'{unknown}; write / ? # of a user name or password as %2F %3F %23')
-        if parts.scheme not in _PORTS or not host or not port:
-            return unknown
-        socket.create_connection((host, port), _ANSWER_SECONDS).close()
-    except UnicodeError:  # it quotes the host
-        return f'{shown} is not a URL: its host is not a name or an address'
-    except ValueError as err:
-        return f'{shown} is not a URL: {err}'
-    except TimeoutError:
-        reason = f'no answer in {_ANSWER_SECONDS:g} s'
-    except OSError as err:
-        reason = err.strerror or str(err)
-    else:
-        return (f'{shown} cannot be opened as a video: {printable(host)} port {port} is '
-                'reachable, but sends no readable video')
-    return f'{shown} is not reachable: {printable(host)} port {port}: {reason}'
+    def _broken(self, reason: str = '') -> BrokenFrameError:
+        """Return the error of the last frame, which later ones may need."""
+        self._needs_key = True
+        return BrokenFrameError(
+            f'frame {self._number - 1} of {self.name} cannot be decoded{reason}')

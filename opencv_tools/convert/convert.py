@@ -36,7 +36,7 @@ from opencv_tools.base.signals import recorded_signals
 from opencv_tools.base.text import printable, without_password
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.depth_video import DepthVideoSource
+from opencv_tools.capture.video import VideoSource
 from opencv_tools.capture.errors import (
     BrokenFrameError, CaptureError, TopicError, UnavailableError)
 from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded, Source, VIDEO
@@ -437,7 +437,8 @@ class _Conversion:
             return not (is_jpeg or frame.is_video)
         if isinstance(self._source, ImageFileSource):
             return not all(path.suffix.lower() in _JPEGS for path in self._source.paths)
-        return isinstance(self._source, PatternSource | DepthVideoSource)
+        return isinstance(self._source, PatternSource) or (
+            isinstance(self._source, VideoSource) and self._source.is_deep)
 
     def _total(self) -> int:
         """Return the number of frames to convert; 0 if it is unknown."""

@@ -57,6 +57,20 @@ def jpeg_orientation(jpeg: bytes) -> int:
     return 1
 
 
+def matrix_orientation(matrix: bytes) -> int:
+    """
+    Return the Exif orientation, 1 to 8, that a video has by its display matrix.
+
+    :param matrix: nine int32 of FFmpeg; the first and the second row are what a step to the right
+        and a step down become on the screen.
+    """
+    (a, b, _), (c, d, _) = struct.iter_unpack('=3i', matrix[:24])
+    is_turned = abs(b) + abs(c) > abs(a) + abs(d)
+    right, down = (c, b) if is_turned else (a, d)
+    turn = is_turned, -1 if down < 0 else 1, -1 if right < 0 else 1
+    return next(orientation for orientation, other in _TURNS.items() if other == turn)
+
+
 def is_sideways(orientation: int) -> bool:
     """Return whether an image with an Exif orientation is shown with rows as columns."""
     return _TURNS[orientation][0]

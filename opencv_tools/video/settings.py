@@ -197,7 +197,7 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
     :param height: height of the picture in pixels.
     :param rate: frames per second.
     """
-    family = next(row for row in _FAMILIES if settings.encoder_name.endswith(row.end))
+    family = _family(settings)
     threads = min(4, os.cpu_count() or 1) if width * height > _ONE_THREAD_PIXELS else 1
     options = {**_OPTIONS, **family.always, 'threads': str(threads)}
     if family.parameters:
@@ -209,6 +209,15 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
     bits = str(settings.bit_rate or max(_BIT_RATES[0], int(
         _BITS_A_PIXEL * width * height * rate)))
     return {**options, 'b': bits, 'maxrate': bits, 'bufsize': bits}
+
+
+def depends_on_rate(settings: VideoSettings) -> bool:
+    """Return whether the options of an encoder depend on the frames per second."""
+    return bool(settings.bit_rate) or not _family(settings).quality
+
+
+def _family(settings: VideoSettings) -> _Family:
+    return next(row for row in _FAMILIES if settings.encoder_name.endswith(row.end))
 
 
 def import_av() -> Any:

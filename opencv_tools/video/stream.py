@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
 import time
 from typing import Any
 
@@ -24,12 +26,15 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.packet import VideoPacket
-from opencv_tools.video.settings import VideoSettings
+from opencv_tools.video.settings import depends_on_rate, VideoSettings
 
 # A receiver may miss the first key frame, because it is not ready yet. It gets another one.
 _KEY_FRAMES = 2
 _KEY_SECONDS = 1.0  # between two requested key frames
-_ASSUMED_RATE = 30.0  # frames per second, by which a bit rate becomes a size of frames
+_ASSUMED_RATE = 30.0  # frames per second until they are measured
+# A first measurement, later ones, the frames that each needs and keeps, and their tolerance.
+_FIRST_SECONDS, _SECONDS, _MIN_FRAMES, _FRAMES, _TOLERANCE = 0.1, 2.0, 4, 16, 0.07
+_PAUSE = 4.0  # periods without a frame that are no part of the rate
 
 Picture = tuple[NDArray[Any], str] | VideoPacket
 
@@ -37,11 +42,13 @@ Picture = tuple[NDArray[Any], str] | VideoPacket
 class VideoStream:
     """Encode frames; used by one thread, except ``requests``."""
 
-    def __init__(self, settings: VideoSettings) -> None:
+    def __init__(self, settings: VideoSettings,
+                 clock: Callable[[], float] = time.monotonic) -> None:
         """
         Create a stream. The encoder is opened with the first frame.
 
         :param settings: codec, quality and so on.
+        :param clock: function that returns seconds, by which the rate of the frames is measured.
         """
         #: Settings of the encoder. A change begins with a key frame.
         self.settings = settings
@@ -51,7 +58,10 @@ class VideoStream:
         self._keyed_at = 0.0
         self._passes = False  # whether the last packet came from a camera
         self._encoder: VideoEncoder | None = None
-        self._opened = settings, 0, 0  # settings, width and height of the encoder
+        self._opened = settings, 0, 0, 0.0  # settings, width, height and rate of the encoder
+        self._clock = clock
+        self._rate = 0.0  # frames per second; 0 before the first measurement
+        self._times: deque[float] = deque()  # of the last frames
 
     def encode(self, image: NDArray[Any], encoding: str, stamp_ns: int) -> VideoPacket:
         """
@@ -63,13 +73,17 @@ class VideoStream:
         :raises ImageError: the encoding has no video, or FFmpeg fails. The next frame is encoded
             by a new encoder.
         """
-        needed = self.settings, image.shape[1], find_encoding(encoding).height(image.shape[0])
-        if self._encoder is None or self._opened != needed:
-            self._encoder = VideoEncoder(*needed, _ASSUMED_RATE)
+        now = self._clock()
+        self._measure(now)
+        needed = (self.settings, image.shape[1], find_encoding(encoding).height(image.shape[0]),
+                  self._rate or _ASSUMED_RATE)
+        is_same = self._opened[:3] == needed[:3] and (
+            self._opened == needed or not depends_on_rate(self.settings))
+        if self._encoder is None or not is_same:
+            self._encoder = VideoEncoder(*needed)
             self._opened = needed
         if self._seen != self.requests:
             self._seen, self._key_frames = self.requests, _KEY_FRAMES
-        now = time.monotonic()
         is_key = self._key_frames > 0 and now >= self._keyed_at + _KEY_SECONDS
         try:
             packet = self._encoder.encode(image, encoding, stamp_ns, key=is_key)
@@ -80,6 +94,24 @@ class VideoStream:
             self._keyed_at = now
             self._key_frames = max(0, self._key_frames - 1)
         return packet
+
+    def _measure(self, now: float) -> None:
+        """Measure the rate by the time of a frame, and keep it until another one is certain."""
+        times = self._times
+        if len(times) > 1 and now - times[-1] > _PAUSE * (times[-1] - times[0]) / (len(times) - 1):
+            times.clear()
+        times.append(now)
+        while len(times) > _FRAMES and now - times[0] > _SECONDS:
+            times.popleft()
+        seconds, count = now - times[0], len(times) - 1
+        enough = (_SECONDS / 2, _FRAMES / 2) if self._rate else (_FIRST_SECONDS, _MIN_FRAMES - 1)
+        if seconds < enough[0] or count < enough[1]:
+            return
+        rate = count / seconds
+        if abs(rate - self._rate) > _TOLERANCE * self._rate:
+            self._rate = rate
+            times.clear()
+            times.append(now)
 
     def packet(self, picture: Picture, stamp_ns: int) -> VideoPacket:
         """

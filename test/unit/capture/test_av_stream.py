@@ -22,10 +22,11 @@ from threading import Thread
 
 import av
 import numpy as np
-from opencv_tools.capture import source, stream
+from opencv_tools.capture import source, stream as stream_module
+from opencv_tools.capture.container import open_container
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, VIDEO
-from opencv_tools.capture.stream import open_stream, StreamSource
+from opencv_tools.capture.stream import StreamSource
 from opencv_tools.image.errors import VideoError
 from opencv_tools.video.bit_stream import nal_units, START_CODE
 from opencv_tools.video.parameter_sets import parameter_sets
@@ -155,7 +156,7 @@ def test_other_video_is_decoded(
 
 def test_packets_without_room_cost_those_until_a_key_frame(
         serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stream, '_MAX_WAITING', 10)
+    monkeypatch.setattr(stream_module, '_MAX_WAITING', 10)
     sent = groups(COUNT, 55)
     opened = connect(serve(sent))
     join(opened._thread)
@@ -195,21 +196,21 @@ def test_noise_is_no_video() -> None:
         sending.start()
         url = f'tcp://127.0.0.1:{server.getsockname()[1]}'
         with pytest.raises(CaptureError, match='is reachable, but sends no readable video'):
-            open_stream(url, LONGEST_SECONDS)
+            open_container(url, LONGEST_SECONDS)
         join(sending)
 
 
 def test_silent_server_is_left() -> None:
     with socket.create_server(('127.0.0.1', 0)) as server, pytest.raises(CaptureError):
-        open_stream(f'tcp://127.0.0.1:{server.getsockname()[1]}', 0.1)
+        open_container(f'tcp://127.0.0.1:{server.getsockname()[1]}', 0.1)
 
 
 def test_opencv_decodes_without_pyav(
         serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail() -> None:
+    def fail(*_: object) -> None:
         raise VideoError('videos need PyAV')
 
-    monkeypatch.setattr(stream, 'import_av', fail)
+    monkeypatch.setattr(source, 'open_container', fail)
     opened = connect(serve(groups(COUNT, 30), pause=0.01))
     assert not opened.needs_every
     found = read_all(opened)
@@ -225,14 +226,16 @@ def test_closed_port(scheme: str) -> None:
 
 def test_options_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('OPENCV_FFMPEG_CAPTURE_OPTIONS', 'a;b;c|d|')
-    opened: list[object] = []
+    opened: list[tuple[str, dict[str, object]]] = []
 
     def refuse(url: str, **keywords: object) -> None:
         opened.append((url, keywords))
         raise OSError('refused')
 
-    monkeypatch.setattr(stream.import_av(), 'open', refuse)
+    monkeypatch.setattr(av, 'open', refuse)
     url = f'tcp://127.0.0.1:{free_port()}'
     with pytest.raises(CaptureError):
-        open_stream(url, 3.0)
-    assert opened == [(url, {'options': {'a': 'b;c', 'd': ''}, 'timeout': 3.0})]
+        open_container(url, 3.0)
+    (found, keywords), = opened
+    assert found == url and keywords['timeout'] == 3.0
+    assert keywords['options'] == {'a': 'b;c', 'd': ''}

@@ -24,11 +24,10 @@ import sys
 import av
 import numpy as np
 from opencv_tools.base.text import printable
-from opencv_tools.capture.depth_video import DepthVideoSource
+from opencv_tools.capture.video import VideoSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import FileSource
 from opencv_tools.capture.source import expected_size, open_source
-from opencv_tools.capture.video import VideoSource
 from opencv_tools.recording.video.writer import to_video_frame, VideoWriter
 import pytest
 from waiting import LONGEST_SECONDS
@@ -262,7 +261,7 @@ def test_unit_of_all_16_bits_only(tmp_path: Path) -> None:
     ('ffv1', 'gbrp16le'), ('ffv1', 'yuv420p10le'), ('png', 'ya16be'),
     ('ffv1', 'gray'), ('ffv1', 'bgr0'), ('ffv1', 'yuv410p'), ('ffv1', 'ya8'),
     ('mjpeg', 'yuvj420p'), ('png', 'rgb24')])
-def test_other_pixels_are_those_of_opencv(tmp_path: Path, codec: str, pixels: str) -> None:
+def test_other_pixels_have_8_bits(tmp_path: Path, codec: str, pixels: str) -> None:
     path = tmp_path / 'a.avi'
     with av.open(str(path), 'w') as container:
         stream = container.add_stream(codec, rate=25)
@@ -372,7 +371,7 @@ def test_random_bytes_in_a_file(tmp_path: Path) -> None:
             source = opened(tmp_path / 'b.mkv')
         except CaptureError:
             continue
-        if isinstance(source, DepthVideoSource):
+        if isinstance(source, VideoSource) and source.is_deep:
             for image in read_all(source):
                 assert image is None or image.dtype == np.uint16
                 if image is not None and source._encoding == '16UC1':
@@ -384,11 +383,11 @@ def test_missing_library_is_named_with_its_remedy(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / 'a.mkv', [depth(1)])
     monkeypatch.setitem(sys.modules, 'av', None)
-    with pytest.raises(CaptureError, match=r'a\.mkv cannot be read: videos need PyAV.*install it '
-                       r"with .*'pip install av'"):
+    with pytest.raises(CaptureError, match=r'a\.mkv cannot be read without PyAV: it may have gray '
+                       r"of more than 8 bits, which OpenCV reduces; install it with .* av'"):
         opened(path)
     path = write_foreign(tmp_path / 'b.mkv', [depth(1)], 'yuv420p10le')
-    assert ['an unknown format' in one for one in opened(path).warnings] == [True]
+    assert ['may have more than 8 bits' in one for one in opened(path).warnings] == [True]
     path = write_foreign(tmp_path / 'c.mkv', [depth(1)], 'yuv420p')
     assert not opened(path).warnings
 
@@ -397,7 +396,7 @@ def test_missing_library_is_named_with_its_remedy(
 def test_picture_with_too_many_pixels(
         tmp_path: Path, monkeypatch: pytest.MonkeyPatch, height: int, width: int) -> None:
     path = write(tmp_path / 'a.mkv', [depth(1, height, width)])
-    monkeypatch.setattr('opencv_tools.capture.depth_video.MAX_PIXELS', 1000)
+    monkeypatch.setattr('opencv_tools.capture.container.MAX_PIXELS', 1000)
     with pytest.raises(CaptureError, match=(
             rf'a\.mkv cannot be read: {width}x{height} pixels are more than max_pixels=1000')):
         opened(path)

@@ -24,7 +24,8 @@ from threading import Thread
 import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame
-from opencv_tools.capture.stream import OpenCvStream, StreamSource
+from opencv_tools.capture.opencv_video import OpenCvStream
+from opencv_tools.capture.stream import StreamSource
 import pytest
 from waiting import item_of, join, LONGEST_SECONDS
 

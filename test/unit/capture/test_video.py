@@ -16,17 +16,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 import socket
+import struct
+import sys
 from threading import Thread
 
+import av
 from conftest import CLIP, decode_clip
+import cv2
 import numpy as np
-from opencv_tools.capture.errors import CaptureError, UnavailableError
+from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.source import check_source, open_source
-from opencv_tools.capture.video import check_url, describe_failure
+from opencv_tools.capture.urls import check_url, describe_failure
 from playback import frames_of
+from opencv_tools.datasets.videos import _copied_stream
 import pytest
 
 
@@ -39,6 +46,122 @@ def test_video_yields_every_frame_and_its_rate() -> None:
     source.rewind()
     assert np.array_equal(source.read().image, decode_clip(1)[0])
     source.close()
+
+
+COUNT, SIDES = 30, (96, 64)
+# The display matrix: what a step to the right and one down become.
+TURNS = {(1, 0, 0, 1): 0, (-1, 0, 0, 1): 1, (1, 0, 0, -1): 2, (-1, 0, 0, -1): 3, (0, 1, -1, 0): 4,
+         (0, -1, 1, 0): 5, (0, 1, 1, 0): 6, (0, -1, -1, 0): 7}
+TURNED = (lambda image: image, np.fliplr, np.flipud, lambda image: np.rot90(image, 2),
+          lambda image: np.rot90(image, -1), np.rot90, lambda image: image.swapaxes(0, 1),
+          lambda image: np.rot90(image, 2).swapaxes(0, 1))
+
+
+def write_numbers(path: Path, codec: str = 'libx264', first: int = 0, **options: str) -> Path:
+    """Write pictures that grow brighter, the first ones of them before the begin of the file."""
+    width, height = SIDES
+    shown = np.linspace(30, 90, width, dtype=np.uint8)[None].repeat(height, 0)
+    with av.open(str(path), 'w') as container:
+        try:
+            stream = container.add_stream(codec, rate=25, options=options)
+        except (ValueError, av.error.FFmpegError):
+            pytest.skip(f'this FFmpeg does not encode {codec}')
+        stream.width, stream.height, stream.pix_fmt = width, height, 'yuv420p'
+        for number in [*range(COUNT), None]:
+            frame = None
+            if number is not None:
+                noise = np.random.default_rng(number).integers(0, 16, shown.shape, np.uint8)
+                frame = av.VideoFrame.from_ndarray(
+                    shown + noise + np.uint8(3 * number), 'gray').reformat(format='yuv420p')
+                frame.pts, frame.time_base = number, Fraction(1, 25)
+            for packet in stream.encode(frame):
+                if first:
+                    packet.pts, packet.dts = packet.pts - first, packet.dts - first
+                container.mux(packet)
+    return path
+
+
+def brightness(images: Iterable[np.ndarray]) -> list[float]:
+    return [float(image.mean()) for image in images]
+
+
+@pytest.mark.parametrize(('name', 'codec', 'options'), [
+    ('a.mp4', 'libx264', {'flags': '+ildct+ilme', 'x264opts': 'tff=1'}),
+    ('a.mkv', 'libx264', {'flags': '+ildct+ilme', 'x264opts': 'bff=1'}),
+    ('a.ts', 'libx264', {'flags': '+ildct+ilme', 'x264opts': 'tff=1', 'bf': '2'}),
+    ('c.mp4', 'libx264', {'bf': '3'})])
+def test_frames_of_any_codec(
+        tmp_path: Path, name: str, codec: str, options: dict[str, str]) -> None:
+    source = open_source(str(write_numbers(tmp_path / name, codec, **options)))
+    found = brightness(frame.image for frame in frames_of(source))
+    assert len(found) == COUNT and not source.skip() and source.read() is None
+    assert np.diff(found) == pytest.approx(3.0, abs=1.5)
+
+
+@pytest.mark.parametrize('first', [1, 7, 20])
+def test_frames_before_the_begin_of_a_file(tmp_path: Path, first: int) -> None:
+    source = open_source(str(write_numbers(tmp_path / 'a.mp4', first=first)))
+    positions = [frame.position for frame in frames_of(source)]  # nothing is called damaged
+    assert len(positions) in (COUNT - first, COUNT)
+    assert np.diff(positions) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize('matrix', TURNS)
+def test_turned_and_mirrored_video(tmp_path: Path, matrix: tuple[int, ...]) -> None:
+    path = write_numbers(tmp_path / 'a.mp4')
+    upright = open_source(str(path)).read().image
+    content = bytearray(path.read_bytes())
+    a, b, c, d = (65536 * number for number in matrix)
+    struct.pack_into('>9i', content, content.index(b'tkhd') + 44, a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    path.write_bytes(content)
+    np.testing.assert_array_equal(
+        open_source(str(path)).read().image, TURNED[TURNS[matrix]](upright))
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.mkv', '.avi'])
+@pytest.mark.parametrize('part', [0.3, 0.66, 0.95])
+def test_file_that_is_cut_off(tmp_path: Path, suffix: str, part: float) -> None:
+    path = write_numbers(tmp_path / f'a{suffix}')
+    if suffix == '.mp4':  # with the index first
+        with av.open(str(path)) as old, av.open(
+                str(tmp_path / 'b.mp4'), 'w', options={'movflags': 'faststart'}) as new:
+            stream = _copied_stream(new, old.streams.video[0])
+            for packet in old.demux(video=0):
+                if packet.dts is not None:
+                    packet.stream = stream
+                    new.mux(packet)
+        path = tmp_path / 'b.mp4'
+    content = path.read_bytes()
+    begin = content.index(b'mdat' if suffix == '.mp4' else b'movi') if suffix != '.mkv' else 999
+    cut = begin + int((len(content) - begin) * part)
+    path.write_bytes(content[:cut])
+    source, errors, count = open_source(str(path)), [], 0
+    while True:
+        try:
+            frame = source.read()
+        except BrokenFrameError as err:
+            errors.append(str(err))
+            continue
+        if frame is None:
+            break
+        count += 1
+    assert count <= COUNT
+    assert f'with {cut} of its {len(content)} bytes' in errors[-1]
+
+
+@pytest.mark.parametrize('is_interlaced', [False, True])
+def test_interlaced_video_without_pyav(
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_interlaced: bool) -> None:
+    options = {'flags': '+ildct+ilme', 'x264opts': 'tff=1'} if is_interlaced else {}
+    path = write_numbers(tmp_path / 'a.mp4', **options)
+    monkeypatch.setitem(sys.modules, 'av', None)
+    version = tuple(int(part) for part in cv2.__version__.split('.')[:2])
+    if is_interlaced and version >= (4, 13):
+        with pytest.raises(CaptureError, match=(
+                r'a\.mp4 cannot be read without PyAV: .* those of interlaced video, .*install')):
+            open_source(str(path))
+    else:
+        assert len([*frames_of(open_source(str(path)))]) == COUNT
 
 
 @pytest.fixture

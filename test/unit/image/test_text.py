@@ -26,7 +26,7 @@ from opencv_tools.base.text import enumerated, printable, without_password
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.source import open_source
-from opencv_tools.capture.video import describe_failure
+from opencv_tools.capture.urls import describe_failure
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.image.cdr import WireCompressedImage, WireHeader, WireImage
 from opencv_tools.image.encodings import find_desired, find_encoding

@@ -1,0 +1,70 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bit rates of a video at any rate of its frames, which is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+from opencv_tools.video.settings import VideoSettings
+from opencv_tools.video.stream import VideoStream
+import pytest
+from video_packets import every_codec
+
+BITS = 500_000
+RANDOM = np.random.default_rng(0)
+NOISE = [RANDOM.integers(0, 40, (240, 320, 3), np.uint8) for _ in range(20)]
+RAMP = np.mgrid[:240, :320][1].astype(np.uint8)[..., None] // 2
+
+
+def bits(stream: VideoStream, times: list[float], clock: list[float]) -> list[tuple[float, int]]:
+    """Encode a moving picture with noise at each time, and return the bits of its packets."""
+    found = []
+    for number, seconds in enumerate(times):
+        clock[0] = seconds
+        image = np.roll(RAMP, 3 * number, 1) + NOISE[number % len(NOISE)]
+        packet = stream.encode(image, 'bgr8', int(seconds * 1e9))
+        found.append((seconds, 8 * len(packet.data)))
+    return found
+
+
+@every_codec
+@pytest.mark.parametrize('rate', [5, 10, 17, 30, 60, 120])
+def test_bit_rate_at_any_frame_rate(codec: str, rate: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(codec=codec, bit_rate=BITS), lambda: clock[0])
+    random = np.random.default_rng(rate)
+    times = [(number + 0.2 * random.random()) / rate for number in range(12 * rate)]
+    assert sum(size for _, size in bits(stream, times, clock)) / 12 == pytest.approx(
+        BITS, rel=0.15)
+
+
+@pytest.mark.parametrize(('before', 'after'), [(30, 7), (10, 100), (120, 5)])
+def test_bit_rate_after_a_change_of_the_frame_rate(before: int, after: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    times = [number / before for number in range(3 * before)]
+    times += [4 + number / after for number in range(14 * after)]
+    sizes = bits(stream, times, clock)
+    assert sum(size for seconds, size in sizes if 8 <= seconds < 18) / 10 == pytest.approx(
+        BITS, rel=0.15)
+
+
+def test_quality_does_not_depend_on_the_frame_rate() -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(key_interval=60.0), lambda: clock[0])
+    bits(stream, [0.0, 0.1, 0.2, 0.3, 0.4], clock)
+    first = stream._encoder
+    bits(stream, [0.5 + number / 100 for number in range(300)], clock)
+    assert stream._encoder is first
