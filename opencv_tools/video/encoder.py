@@ -24,7 +24,7 @@ from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import VideoError
 from opencv_tools.video.last_sets import LastSets
-from opencv_tools.video.packet import VideoPacket
+from opencv_tools.video.packet import ENCODED, VideoPacket
 from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.video.pixels import to_i420
 from opencv_tools.video.settings import encoder_options, find_encoder, import_av, VideoSettings
@@ -33,6 +33,7 @@ _MAX_SIDE = 16384
 _MAX_RATE = 1000.0
 _DEFAULT_RATE = 30.0
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
+_TRIED_SIZE = 640, 480  # which all hardware encodes
 _PIXEL_FORMATS = ('yuv420p', 'nv12')
 
 
@@ -153,3 +154,17 @@ class VideoEncoder:
         context.options = encoder_options(self._settings, width, height, float(self._rate))
         context.open()
         return context
+
+
+def check_encoder(settings: VideoSettings, size: tuple[int, int] | None = None) -> None:
+    """
+    Check that an encoder can be opened on this machine.
+
+    Without a size those of ``ENCODED`` are not tried, because importing PyAV takes time.
+
+    :param size: width and height of the images in pixels; None if nothing was encoded yet.
+    :raises VideoError: PyAV or the encoder is missing, or FFmpeg cannot open it; the message
+        includes the remedy.
+    """
+    if size or settings.codec not in ENCODED:
+        VideoEncoder(settings, *(size or _TRIED_SIZE), _DEFAULT_RATE)

@@ -176,18 +176,6 @@ def find_encoder(settings: VideoSettings) -> tuple[str, Any]:
                      f'{", ".join(ENCODED)}')
 
 
-def check_encoder(settings: VideoSettings) -> None:
-    """
-    Check that an encoder with a name of FFmpeg exists.
-
-    Those of ``ENCODED`` are not looked for, because importing PyAV takes time.
-
-    :raises VideoError: PyAV or the encoder is missing; the message includes the remedy.
-    """
-    if settings.codec not in ENCODED:
-        find_encoder(settings)
-
-
 def encoder_options(settings: VideoSettings, width: int, height: int, rate: float,
                     ) -> dict[str, str]:
     """

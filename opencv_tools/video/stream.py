@@ -133,6 +133,11 @@ class VideoStream:
         return picture
 
     @property
+    def size(self) -> tuple[int, int] | None:
+        """Width and height of the last encoder in pixels; None before the first frame."""
+        return self._opened[1:3] if self._opened[1] else None
+
+    @property
     def needs_key_frame(self) -> bool:
         """Whether a new receiver waits for a key frame of a camera."""
         return self._passes and self._seen != self.requests

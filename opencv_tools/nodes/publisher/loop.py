@@ -210,7 +210,11 @@ class PublishLoop:
         :raises ParameterError: the video cannot have these settings, or the frames of a file
             cannot have this encoding.
         """
-        with_values(self.settings, changes).check_video()
+        changed = with_values(self.settings, changes)
+        if changed.video != self.settings.video:
+            sizes = [topics.frames.video.stream.size for topics in self._topics.outputs
+                     if topics.frames.video]
+            changed.check_video(next(filter(None, sizes), None))
         if self._captured and 'encoding' in changes:
             try:
                 check_conversion(self._captured, changes['encoding'])

@@ -32,7 +32,8 @@ from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_patterns import check_patterns
-from opencv_tools.video.settings import check_encoder, VideoSettings
+from opencv_tools.video.encoder import check_encoder
+from opencv_tools.video.settings import VideoSettings
 from rclpy.logging import get_logger
 
 STAMPS = ('capture', 'publish', 'original')
@@ -152,16 +153,19 @@ class PublisherSettings(NodeSettings):
                 if value and not has_effect:
                     raise ParameterError(f'parameter {name} is {value!r}, but {reason}')
 
-    def check_video(self) -> None:
+    def check_video(self, size: tuple[int, int] | None = None) -> None:
         """
-        Check that the encoder of the video topics exists.
+        Check that the encoder of the video topics can be opened.
 
-        :raises ParameterError: the encoder is missing.
+        :param size: width and height in pixels of the video until now; None without one.
+        :raises ParameterError: the encoder is missing, or cannot be opened.
         """
         try:
-            check_encoder(self.video)
+            check_encoder(self.video, size)
         except VideoError as err:
-            raise ParameterError(f'parameter video_{err}') from err
+            # It begins with the name of a parameter, or with that of the encoder.
+            codec = f"codec is '{self.video.codec}', but " * str(err).startswith('encoder ')
+            raise ParameterError(f'parameter video_{codec}{err}') from err
 
 
 #: Parameters of ``img_publisher``.

@@ -47,6 +47,7 @@ from opencv_tools.video.parameter_sets import has_parameter_sets, parameter_sets
 
 # Formats of FFmpeg that read packets without a container.
 _RAW_FORMATS = {'h264': 'h264', 'h265': 'hevc', 'av1': 'obu'}
+_DELIMITER = b'\x12\0'  # temporal delimiter of AV1, which containers and networks leave out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,8 +112,9 @@ class CopiedStream(WrittenVideo[PreparedPacket]):
         packet = self._first.packet
         damage = f'{self.failure}: its first packet is damaged'
         options: Any = [{'skip_frame': 'all'}]  # nothing is decoded
+        begin = _DELIMITER * (packet.codec == 'av1' and not packet.data.startswith(_DELIMITER))
         try:
-            opened = av.open(io.BytesIO(packet.data), format=_RAW_FORMATS[packet.codec],
+            opened = av.open(io.BytesIO(begin + packet.data), format=_RAW_FORMATS[packet.codec],
                              stream_options=options)
         except av.error.FFmpegError as err:
             raise VideoError(f'{damage} ({err.strerror})') from err

@@ -98,6 +98,8 @@ def test_changed_settings(node: Node) -> None:
     ({'video_preset': 'p3'}, "parameter video_preset is 'p3': give ultrafast"),
     ({'video_bit_rate': 5}, 'parameter video_bit_rate is 5: give 10000 to'),
     ({'video_codec': 'foo'}, "parameter video_codec is 'foo': the installed PyAV has no such"),
+    ({'video_codec': 'libx264rgb'}, "parameter video_codec is 'libx264rgb', but encoder 'libx264r"
+     "gb' cannot be opened for 640x480 images: "),
     ({'video_codec': 'libx265', 'video_preset': 'p3'}, "parameter video_preset is 'p3'")])
 def test_changes_that_the_video_cannot_have(
         node: Node, changes: dict[str, Any], reason: str) -> None:

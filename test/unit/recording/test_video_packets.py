@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable
 from dataclasses import replace
 import errno
+import json
 import os
 from pathlib import Path
 import shutil
@@ -44,7 +46,7 @@ from opencv_tools.recording.video.format import CopiedStream, prepare_packet
 from opencv_tools.recording.video.writer import count_frames
 from opencv_tools.video.messages import cdr_to_video, FFMPEG_PACKET
 from opencv_tools.video.packet import VideoPacket
-from opencv_tools.video.parameter_sets import parameter_sets, read_extradata
+from opencv_tools.video.parameter_sets import is_key_frame, parameter_sets, read_extradata
 from playback import frames_of as frames_of_source
 import pytest
 from recordings import open_videos
@@ -53,6 +55,7 @@ from videos import play
 
 BEGIN_NS = 1_700_000_000 * NANO
 CODECS = ('h264', 'h265')
+AV1 = Path(__file__).parents[2] / 'data' / 'av1_160x120.json'
 STEP_NS = 40_123_457
 every_format = pytest.mark.parametrize('suffix', ['.mp4', '.mkv'])
 
@@ -83,6 +86,21 @@ def put(videos: Sink[Any], *frames: PacketFrame | RawFrame) -> list[int]:
 
 def frames_of(packets: Iterable[VideoPacket], first: int = 0) -> list[PacketFrame]:
     return [frame_of(packet, number) for number, packet in enumerate(packets, first)]
+
+
+@every_format
+@pytest.mark.parametrize('has_delimiters', [True, False])
+def test_av1_of_another_encoder(tmp_path: Path, suffix: str, has_delimiters: bool) -> None:
+    # Containers and networks leave the temporal delimiters out.
+    sent = [base64.b64decode(text) for text in json.loads(AV1.read_text())]
+    sent = [data if has_delimiters else data.removeprefix(b'\x12\0') for data in sent]
+    videos = open_videos(tmp_path, f'a{suffix}')
+    put(videos, *(frame_of(VideoPacket(
+        codec='av1', data=data, is_key=is_key_frame('av1', data), width=160, height=120), number)
+        for number, data in enumerate(sent)))
+    videos.close()
+    with av.open(str(tmp_path / f'a{suffix}')) as container:
+        assert len([*container.decode(video=0)]) == len(sent)
 
 
 @every_format
