@@ -36,7 +36,6 @@ from opencv_tools.base.signals import recorded_signals
 from opencv_tools.base.text import printable, without_password
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag import BagSource
-from opencv_tools.capture.video import VideoSource
 from opencv_tools.capture.errors import (
     BrokenFrameError, CaptureError, TopicError, UnavailableError)
 from opencv_tools.capture.frame import CapturedFrame, JPEG, LiveSource, Recorded, Source, VIDEO
@@ -44,6 +43,7 @@ from opencv_tools.capture.image_files import ImageFileSource
 from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
+from opencv_tools.capture.video import VideoSource
 from opencv_tools.convert.other_topics import OtherTopics
 from opencv_tools.image.cdr import IMAGE, WireCompressedImage
 from opencv_tools.image.display import finite_limits

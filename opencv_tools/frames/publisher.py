@@ -38,7 +38,6 @@ from opencv_tools.image_codecs import encode_compressed, encode_depth
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import FrameTopics
 from opencv_tools.transport.shared_frames.writer import Slot
-from opencv_tools.video.encoder import check_encoder
 from opencv_tools.video.settings import VideoSettings
 from rclpy.node import Node
 from std_msgs.msg import Header
@@ -81,6 +80,8 @@ class FramePublisher:
                                  "DepthSettings('rvl', 20.0)")
         try:
             if video:
+                # It needs OpenCV, which publishers without video do not need.
+                from opencv_tools.video.encoder import check_encoder
                 check_encoder(video)
         except VideoError as err:
             raise ParameterError(f'video: {err}') from err

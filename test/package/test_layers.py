@@ -77,7 +77,8 @@ ALLOWED = {
     'opencv_tools.frames': {
         'opencv_tools.cv_bridge', 'opencv_tools.frames', 'opencv_tools.image',
         'opencv_tools.image_codecs', 'opencv_tools.nodes', 'opencv_tools.rectification',
-        'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video.settings',
+        'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video.encoder',
+        'opencv_tools.video.settings',
         'builtin_interfaces', 'rclpy', 'sensor_msgs', 'std_msgs'},
     'opencv_tools.image': {'opencv_tools.image'},
     'opencv_tools.image_codecs': {'opencv_tools.image', 'opencv_tools.opencv', 'simplejpeg'},

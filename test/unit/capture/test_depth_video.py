@@ -24,10 +24,10 @@ import sys
 import av
 import numpy as np
 from opencv_tools.base.text import printable
-from opencv_tools.capture.video import VideoSource
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import FileSource
 from opencv_tools.capture.source import expected_size, open_source
+from opencv_tools.capture.video import VideoSource
 from opencv_tools.recording.video.writer import to_video_frame, VideoWriter
 import pytest
 from waiting import LONGEST_SECONDS

@@ -32,8 +32,8 @@ import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.source import check_source, open_source
 from opencv_tools.capture.urls import check_url, describe_failure
-from playback import frames_of
 from opencv_tools.datasets.videos import _copied_stream
+from playback import frames_of
 import pytest
 
 
