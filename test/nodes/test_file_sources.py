@@ -184,7 +184,7 @@ def test_damaged_video_plays_up_to_the_damage(
     expected = [cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) for frame in clip()[:47]]
     for kind, run in runs.items():
         count, console = len(run.messages), run.publisher.output
-        # In the frame where the damage begins, FFmpeg fills in what it has and tells nobody.
+        # Pictures after a damaged one are left out until the next key frame.
         assert count in ([*range(47, 91)] if kind == 'spots' else [47, 48])
         assert_equal(pixels(run.messages[:47]), expected)
         warnings = [line.partition(']: ')[2] for line in console.splitlines() if '[WARN]' in line]
@@ -192,7 +192,6 @@ def test_damaged_video_plays_up_to_the_damage(
             assert f'{kind}.mp4 is damaged: it ends after ' in warnings[-1]
         else:
             assert 0 <= CLIP_FRAMES - count - len(warnings) <= 1
-            assert (len(warnings) > 40) == (kind == 'overwritten')
             assert all(f'of {kind}.mp4 cannot be decoded' in line for line in warnings)
         assert_lines(console)
 
