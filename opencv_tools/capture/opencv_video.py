@@ -44,12 +44,13 @@ class OpenCvVideo:
     live: Literal[False] = False
     is_deep: Literal[False] = False
 
-    def __init__(self, location: str, capture: cv2.VideoCapture) -> None:
+    def __init__(self, location: str, capture: cv2.VideoCapture, warning: str = '') -> None:
         """
         Wrap an open video.
 
         :param location: path of the file, or its URL on a web server.
         :param capture: the open video, as ``open_video`` returns it.
+        :param warning: warning of ``check_pictures``.
         """
         self._location = location
         self.name = without_password(location)
@@ -57,9 +58,10 @@ class OpenCvVideo:
         self.rate = video_rate(capture)
         self.description = describe_video(capture)
         self.count = frame_count(capture)
-        self.warnings = [
-            f'{self.name} may have more than 8 bits a channel, which are reduced to 8'
-        ] if _tag(capture) not in _EIGHT_BITS else []
+        self.warnings = [warning] if warning else []
+        if _tag(capture) not in _EIGHT_BITS:
+            self.warnings.append(
+                f'{self.name} may have more than 8 bits a channel, which are reduced to 8')
         self._number = 0
         self._is_checked = False
 
@@ -143,10 +145,11 @@ def open_video(location: str, *options: int) -> cv2.VideoCapture:
     return capture
 
 
-def check_pictures(path: str) -> None:
+def check_pictures(path: str) -> str:
     """
     Check that OpenCV decodes the first pictures of a file, and keeps their bits.
 
+    :returns: a warning if they may be those of interlaced video, or of a still scene; or ''.
     :raises CaptureError: it does not; the message includes the remedy.
     """
     capture = open_video(path)
@@ -155,18 +158,18 @@ def check_pictures(path: str) -> None:
     capture.release()
     found = [image for image in images if image is not None]
     version = tuple(int(part) for part in cv2.__version__.split('.')[:2])
-    if _GRAY_TAG in (tag[:3], tag[:0:-1]):
-        reason = 'it may have gray of more than 8 bits, which OpenCV reduces'
-    elif not found:
-        reason = f'OpenCV {cv2.__version__} decodes none of its pictures'
-    elif version >= _NO_INTERLACED and len(found) > 1 and all(
+    shown, remedy = printable(path, MAX_PATH), installation('av')
+    is_gray = _GRAY_TAG in (tag[:3], tag[:0:-1])
+    if is_gray or not found:
+        reason = ('it may have gray of more than 8 bits, which OpenCV reduces' if is_gray else
+                  f'OpenCV {cv2.__version__} decodes none of its pictures')
+        raise CaptureError(f'{shown} cannot be read without PyAV: {reason}; {remedy}')
+    if version >= _NO_INTERLACED and len(found) > 1 and all(
             np.array_equal(found[0], image) for image in found[1:]):
-        reason = (f'its first {len(found)} pictures are the same in OpenCV {cv2.__version__}, '
-                  'as those of interlaced video, which it cannot read')
-    else:
-        return
-    raise CaptureError(f'{printable(path, MAX_PATH)} cannot be read without PyAV: {reason}; '
-                       f'{installation("av")}')
+        return (f'the first {len(found)} pictures of {shown} are the same: if it does not begin '
+                f'with a still scene, it is interlaced, and OpenCV {cv2.__version__} cannot read '
+                f'it; {remedy}')
+    return ''
 
 
 def video_rate(capture: cv2.VideoCapture) -> float:

@@ -206,9 +206,8 @@ def _open_path(path: Path, bag_topic: str | None) -> Source:
     try:
         return VideoSource(str(path), open_container(str(path)))
     except VideoError:  # no PyAV
-        if stat.S_ISREG(mode):
-            check_pictures(str(path))
-        return OpenCvVideo(str(path), open_video(str(path)))
+        warning = check_pictures(str(path)) if stat.S_ISREG(mode) else ''
+        return OpenCvVideo(str(path), open_video(str(path)), warning)
 
 
 def _open_folder(path: Path) -> ImageFileSource:

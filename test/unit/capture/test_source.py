@@ -121,7 +121,7 @@ def test_named_pipe_is_not_read_for_its_size(
         raise CaptureError('no video')
 
     opened: list[str] = []
-    monkeypatch.setattr('opencv_tools.capture.source.open_video', _open)
+    monkeypatch.setattr('opencv_tools.capture.source.open_container', _open)
     os.mkfifo(tmp_path / 'pipe')
     text = form.format(tmp_path / 'pipe')
     assert expected_size(text) is None
