@@ -21,7 +21,6 @@ import math
 import time
 from typing import Literal
 
-import cv2
 import numpy as np
 from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable, without_password
@@ -29,6 +28,7 @@ from opencv_tools.capture.declared_size import check_end
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame, MAX_RATE
 from opencv_tools.capture.urls import describe_failure
+from opencv_tools.opencv import cv2
 
 # Tags of FFmpeg for common pixel formats of 8 bits, and that of gray.
 _EIGHT_BITS = (b'I420', b'Y42B', b'444P', b'Y800', b'BGR\0', b'BGRA', b'RGBA', b'RGB\x18',

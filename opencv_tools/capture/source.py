@@ -24,7 +24,6 @@ import os
 from pathlib import Path
 import stat
 
-import cv2
 from opencv_tools.bags.open_bag import BAG_SUFFIXES, is_bag
 from opencv_tools.base.regular_files import describe_kind, natural_order, user_path
 from opencv_tools.base.text import MAX_PATH, printable
@@ -44,6 +43,7 @@ from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.capture.v4l2.modes import CameraRequest, DEFAULT_REQUEST, DEFAULT_SIZE
 from opencv_tools.capture.video import VideoSource
 from opencv_tools.image.errors import VideoError
+from opencv_tools.opencv import cv2
 
 # Similarity to the word ``pattern`` from which a name counts as a typing error, 0.0 to 1.0.
 _CLOSE = 0.8

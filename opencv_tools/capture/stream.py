@@ -31,7 +31,6 @@ from opencv_tools.capture.live_video import LiveVideo
 from opencv_tools.capture.urls import describe_failure
 from opencv_tools.image.errors import ImageError, VideoError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
-from opencv_tools.opencv import cv2
 from opencv_tools.video.pixels import to_bgr
 from opencv_tools.video.settings import import_av
 
