@@ -22,7 +22,7 @@ from importlib import import_module
 from io import BytesIO
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from opencv_tools.base.remedies import installation
 from opencv_tools.robot.drawing.primitives import (
@@ -44,11 +44,8 @@ _SETTINGS = {'svg.hashsalt': 'opencv_tools', 'svg.fonttype': 'none', 'font.size'
 _FEW_LINKS = 8  # robots with more links have entries on both sides
 _MAX_ENTRIES = 60
 _MAX_ARROWS = 300  # further arrows are drawn as lines, which is faster
-# Inches: maximum width and minimum height of the drawing, distances, and heights of a title, of a
-# line of numbers and of the gap below them.
-_WIDTH, _HEIGHT = 3.2, 4.2
-_GAP, _MARGIN, _HEAD, _TITLE = 0.3, 0.25, 0.65, 0.3
-_BOLD, _LINE, _BELOW = 0.18, 0.14, 0.12
+_WIDTH, _HEIGHT = 3.2, 4.2  # largest size of a drawing without texts, in inches
+_ROW, _GAP, _MARGIN = 0.56, 0.3, 0.25
 _BEND = 0.25
 _AZIMUTH, _ELEVATION = math.radians(-55), math.radians(22)  # as in the perspective view
 
@@ -80,7 +77,7 @@ def save(path: str, draw: Callable[[], Any]) -> None:
                                source=path)
     data = BytesIO()
     with matplotlib_module().rc_context(_SETTINGS):
-        draw().savefig(data, dpi=DPI, format=suffix[1:],
+        draw().savefig(data, dpi=DPI, format=suffix[1:], bbox_inches='tight', pad_inches=_MARGIN,
                        metadata={'Date': None} if suffix == '.svg' else None)
     write_all([(path, data.getvalue())])
 
@@ -92,14 +89,7 @@ def new_figure() -> Any:
     return figure
 
 
-def size_of(text: Any) -> tuple[float, float]:
-    """Return the width and the height of a text in inches."""
-    box = text.get_window_extent(text.figure.canvas.get_renderer())
-    return box.width / DPI, box.height / DPI
-
-
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """
     A bold title and grey numbers for a point of the drawing.
 
@@ -111,24 +101,6 @@ class Entry:
     point: Point
     on_left: bool = False
     rank: int = 0
-
-    @property
-    def height(self) -> float:
-        """Height in inches."""
-        return _BOLD + _BELOW + _LINE * (self.numbers.count('\n') + bool(self.numbers))
-
-
-def _spread(targets: Sequence[float], heights: Sequence[float], bottom: float, top: float
-            ) -> list[float]:
-    """Return the middles of boxes that do not overlap, near their targets, from top to bottom."""
-    middles: list[float] = []
-    for middle, height in zip(targets, heights):
-        middles.append(min(middle, top - height / 2))
-        top = middles[-1] - height / 2
-    for index in reversed(range(len(middles))):
-        middles[index] = max(middles[index], bottom + heights[index] / 2)
-        bottom = middles[index] + heights[index] / 2
-    return middles
 
 
 @dataclass(kw_only=True)
@@ -175,41 +147,41 @@ def plot_conventions(robot: Robot, listing: Listing, path: str) -> None:
 
 
 def draw(robot: Robot, listing: Listing) -> Any:
-    """Return a matplotlib figure with a panel for each convention."""
+    """Return a matplotlib figure with axes in metres for each convention."""
     kinematics = Kinematics(robot)
     poses = kinematics.forward({
         name: joint['position'] for name, joint in listing['joints'].items()})
     root = poses[FrameId('link', listing['root'])]
-    shapes = [(kind, [[_project(root.apply(point)) for point in line] for line in lines])
-              for kind, lines in placed_lines(robot, listing) if lines]
+    shapes = {kind: [[_project(root.apply(point)) for point in line] for line in lines]
+              for kind, lines in placed_lines(robot, listing).items()}
     panels = _urdf_panel(listing, kinematics, poses), _sdf_panel(listing, kinematics, poses)
     columns = [panel.columns() for panel in panels]
-    points = [(0.0, 0.0), *(point for _, lines in shapes for line in lines for point in line),
+    points = [(0.0, 0.0),
+              *(point for lines in shapes.values() for line in lines for point in line),
               *(point for panel in panels for arrow in panel.arrows for point in arrow),
               *(_project(pose.translation) for panel in panels for pose in panel.frames)]
-    low, high = (tuple(map(extreme, zip(*points))) for extreme in (min, max))
-    wide, tall = (max(b - a, 1e-9) for a, b in zip(low, high))
-    height = max(min(_HEIGHT, _WIDTH * tall / wide), *(
-        sum(entry.height for entry in side) for both in columns for side in both))
-    scale = min(_WIDTH / wide, height / tall)
-    figure, left = new_figure(), _MARGIN
-    title = figure.text(0.5, 0.5, plain(heading(listing), 150), fontsize=13, fontweight='bold',
-                        color=TEXT_COLOR, ha='center', va='center')
-    view = _View(figure, scale, (low[0], (low[1] + high[1] - height / scale) / 2),
-                 (scale * wide, height))
-    placed = [view.panel(panel, sides, shapes) for panel, sides in zip(panels, columns)]
-    whole = max(sum(right - left for _, left, right in placed) + 3 * _MARGIN,
-                size_of(title)[0] + 2 * _MARGIN)
-    tall = height + _HEAD + _TITLE + 2 * _MARGIN
-    figure.set_size_inches(whole, tall)
-    left = (whole - sum(right - left for _, left, right in placed) - _MARGIN) / 2
-    for axes, begin, end in placed:
-        axes.set_xlim(begin, end)
-        axes.set_ylim(0, height + _HEAD)
-        axes.set_position((left / whole, _MARGIN / tall, (end - begin) / whole,
-                           (height + _HEAD) / tall))
-        left += end - begin + _MARGIN
-    title.set_y(1 - (_MARGIN + _TITLE / 3) / tall)
+    (left, right), (low, high) = ((min(values), max(values)) for values in zip(*points))
+    wide, tall = max(right - left, 1e-9), max(high - low, 1e-9)
+    height = max(min(_HEIGHT, _WIDTH * tall / wide),
+                 _ROW * max(len(side) for both in columns for side in both))
+    inch = max(wide / _WIDTH, tall / height)  # in metres
+    figure = new_figure()
+    figure.set_size_inches(wide / inch, height)
+    middle = (low + high) / 2
+    for panel, sides in zip(panels, columns):
+        axes = figure.add_axes((0, 0, 1, 1), label=panel.title, xlim=(left, left + wide), ylim=(
+            middle - inch * height / 2, middle + inch * height / 2))
+        _draw_panel(axes, panel, shapes, inch)
+        for entries, x, side in zip(sides, (left - _GAP * inch, right + _GAP * inch), (
+                'right', 'left')):
+            _write_column(axes, entries, x, side, inch)
+    # The second axes begin where the texts of the first ones end.
+    first, second = (axes.get_tightbbox(figure.canvas.get_renderer()) for axes in figure.axes)
+    move = first.x1 - second.x0 + _MARGIN * DPI
+    figure.axes[1].set_position((move / figure.bbox.width, 0, 1, 1))
+    figure.text((first.x0 + second.x1 + move) / 2 / figure.bbox.width, 1 + 0.8 / height,
+                plain(heading(listing), 150), fontsize=13, fontweight='bold', color=TEXT_COLOR,
+                ha='center')
     return figure
 
 
@@ -271,90 +243,58 @@ def _rank(link: str, kinematics: Kinematics) -> int:
     return 2 if kinematics.child_joints[link] else 1
 
 
-@dataclass(frozen=True)
-class _View:
-    """
-    A figure with panels, whose axes are in inches.
+def _draw_panel(axes: Any, panel: _Panel, shapes: Mapping[str, Sequence[Sequence[Point]]],
+                inch: float) -> None:
+    """Draw the headings, the shapes, the arrows, and the frames."""
+    axes.set_axis_off()
+    for text, up, size, weight, color in ((panel.title, 32, 12, 'bold', TEXT_COLOR),
+                                          (panel.subtitle, 14, 9, 'normal', GREY)):
+        axes.annotate(text, (0.5, 1), (0, up), xycoords='axes fraction', ha='center',
+                      textcoords='offset points', fontsize=size, fontweight=weight, color=color)
+    collections = matplotlib_module('collections')
+    for kind, lines in shapes.items():
+        color = SHAPE_COLORS[kind]
+        axes.add_collection(collections.PolyCollection(
+            lines, closed=False, facecolors=f'{color}0d', edgecolors=color, linewidths=0.5,
+            zorder=1, clip_on=False))
+    arrows = [arrow for arrow in panel.arrows if math.dist(*arrow) > 1e-6]
+    width = 1.3 if len(arrows) <= _FEW_LINKS else 0.8
+    for start, end in arrows[:_MAX_ARROWS]:
+        right = end[0] - start[0] > 0.1 * abs(end[1] - start[1])
+        bend = _BEND if len(panel.frames) > _FEW_LINKS and right else -_BEND
+        axes.annotate('', end, start, zorder=6, arrowprops={
+            'arrowstyle': '-|>', 'color': TEXT_COLOR, 'lw': width, 'shrinkA': 4, 'shrinkB': 5,
+            'connectionstyle': f'arc3,rad={bend}'})
+    length = inch * max(axes.figure.get_size_inches()) * max(
+        0.04, 0.14 / math.sqrt(len(panel.frames)))
+    frames = [(color, 1.8, '-', 5, [
+        (_project(pose.translation), _project(pose.apply((x * length, y * length, z * length))))
+        for pose in panel.frames]) for (x, y, z), color in zip(UNITS, AXIS_COLORS)]
+    for color, line_width, style, order, pairs in (
+            *frames, (TEXT_COLOR, width, '-', 6, arrows[_MAX_ARROWS:]),
+            (GREY, 1.2, ':', 4, panel.offsets)):
+        axes.add_collection(collections.LineCollection(
+            pairs, colors=color, linewidths=line_width, linestyles=style, zorder=order,
+            clip_on=False))
+    if panel.offsets:
+        axes.plot(*zip(*(joint for joint, _ in panel.offsets)), 'h', color=GREY, clip_on=False,
+                  zorder=4, markersize=9, markerfacecolor='none', markeredgewidth=1.2)
 
-    :param scale: inches for each metre.
-    :param origin: point in metres at the left lower corner of the drawing.
-    :param size: width and height of the drawing in inches, without texts.
-    """
 
-    figure: Any
-    scale: float
-    origin: Point
-    size: Point
-
-    def panel(self, panel: _Panel, columns: Sequence[Sequence[Entry]],
-              shapes: Sequence[tuple[str, list[list[Point]]]]) -> tuple[Any, float, float]:
-        """Draw a panel, and return its axes with the left and the right end."""
-        axes = self.figure.add_axes((0, 0, 1, 1))
-        axes.set_axis_off()
-        width, height = self.size
-        heads = [axes.text(width / 2, height + _HEAD - down, text, fontsize=size, color=color,
-                           fontweight=weight, ha='center', va='top')
-                 for text, down, size, weight, color in (
-                     (panel.title, 0.0, 12, 'bold', TEXT_COLOR),
-                     (panel.subtitle, 0.26, 9, 'normal', GREY))]
-        half = max(size_of(head)[0] for head in heads) / 2
-        left = min(width / 2 - half, -self._column(axes, columns[0], -1))
-        right = max(width / 2 + half, width + self._column(axes, columns[1], 1))
-        for kind, lines in shapes:
-            self._lines(axes, lines, SHAPE_COLORS[kind], 0.5, 1)
-            for line in lines:
-                axes.fill(*zip(*map(self._at, line)), facecolor=SHAPE_COLORS[kind], alpha=0.05,
-                          zorder=1, clip_on=False)
-        self._arrows(axes, panel)
-        length = max(self.size) / self.scale * max(0.04, 0.14 / math.sqrt(len(panel.frames)))
-        for (x, y, z), color in zip(UNITS, AXIS_COLORS):
-            self._lines(axes, [[_project(pose.translation), _project(pose.apply((
-                x * length, y * length, z * length)))] for pose in panel.frames], color, 1.8, 5)
-        return axes, left, right
-
-    def _column(self, axes: Any, entries: Sequence[Entry], side: int) -> float:
-        """Write entries left (-1) or right (1) of the drawing, and return their width."""
-        entries = sorted(entries, key=lambda entry: -entry.point[1])
-        x, widest = (self.size[0] + _GAP if side > 0 else -_GAP), 0.0
-        middles = _spread([self._at(entry.point)[1] for entry in entries],
-                          [entry.height for entry in entries], 0.0, self.size[1])
-        for entry, middle in zip(entries, middles):
-            y = middle + (entry.height - _BELOW) / 2
-            for text, color, weight in ((entry.title, TEXT_COLOR, 'bold'),
-                                        (entry.numbers, GREY, 'normal')):
-                written = axes.text(x, y, plain(text), fontsize=8, color=color, va='top',
-                                    fontweight=weight, linespacing=1.15,
-                                    ha='left' if side > 0 else 'right') if text else None
-                widest = max(widest, size_of(written)[0] + _GAP if written else 0.0)
-                y -= _BOLD
-            end = self._at(entry.point)
-            axes.plot([x - side * 0.05, end[0]], [middle, end[1]], color=PALE, lw=0.7, zorder=3)
-        return widest
-
-    def _arrows(self, axes: Any, panel: _Panel) -> None:
-        """Draw the arrows, the joints, and the lines between joints and links."""
-        arrows = [arrow for arrow in panel.arrows if math.dist(*arrow) > 1e-6]
-        width = 1.3 if len(arrows) <= _FEW_LINKS else 0.8
-        self._lines(axes, arrows[_MAX_ARROWS:], TEXT_COLOR, width, 6)
-        for start, end in arrows[:_MAX_ARROWS]:
-            right = end[0] - start[0] > 0.1 * abs(end[1] - start[1])
-            bend = _BEND if len(panel.frames) > _FEW_LINKS and right else -_BEND
-            axes.annotate('', self._at(end), xytext=self._at(start), zorder=6, arrowprops={
-                'arrowstyle': '-|>', 'color': TEXT_COLOR, 'lw': width, 'shrinkA': 4,
-                'shrinkB': 5, 'connectionstyle': f'arc3,rad={bend}'})
-        if panel.offsets:
-            self._lines(axes, panel.offsets, GREY, 1.2, 4, ':')
-            axes.plot(*zip(*(self._at(joint) for joint, _ in panel.offsets)), 'h', color=GREY,
-                      zorder=4, markersize=9, markerfacecolor='none', markeredgewidth=1.2)
-
-    def _at(self, point: Point) -> Point:
-        return (self.scale * (point[0] - self.origin[0]), self.scale * (point[1] - self.origin[1]))
-
-    def _lines(self, axes: Any, lines: Sequence[Sequence[Point]], color: str, width: float,
-               order: int, style: str = '-') -> None:
-        axes.add_collection(matplotlib_module('collections').LineCollection(
-            [list(map(self._at, line)) for line in lines], colors=color, linewidths=width,
-            linestyles=style, zorder=order, clip_on=False))
+def _write_column(axes: Any, entries: Sequence[Entry], x: float, align: str, inch: float) -> None:
+    """Write entries beside the drawing, near the heights of their points but not overlapping."""
+    bottom, top = axes.get_ylim()
+    shared = {'fontsize': 8, 'ha': align, 'annotation_clip': False}
+    for below, entry in zip(reversed(range(len(entries))), sorted(
+            entries, key=lambda entry: -entry.point[1])):
+        y = max(min(entry.point[1], top), bottom + _ROW * inch * (below + 0.5))
+        top = y - _ROW * inch
+        axes.annotate(plain(entry.title), entry.point, (x, y), va='center', fontweight='bold',
+                      color=TEXT_COLOR, **shared, arrowprops={
+                          'arrowstyle': '-', 'color': PALE, 'lw': 0.7, 'shrinkB': 0, 'zorder': 3,
+                          'relpos': (float(align == 'right'), 0.5)})
+        axes.annotate(plain(entry.numbers), (x, y), (0, -6), textcoords='offset points', va='top',
+                      color=GREY, linespacing=1.15, **shared)
 
 
 def _project(point: Vector) -> Point:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 import math
 
 from opencv_tools.robot.frames.listing import Listing, transform_of
@@ -35,14 +35,16 @@ _CIRCLE = [(math.cos(angle), math.sin(angle))
            for angle in (2 * math.pi * step / 24 for step in range(25))]
 
 
-def placed_lines(robot: Robot, listing: Listing) -> Iterator[tuple[str, list[list[Vector]]]]:
-    """Return the outlines of all visuals and collisions in the root link, with their kinds."""
+def placed_lines(robot: Robot, listing: Listing) -> dict[str, list[list[Vector]]]:
+    """Return the outlines of all visuals and collisions in the root link, by their kinds."""
+    found: dict[str, list[list[Vector]]] = {'visual': [], 'collision': []}
     for link in robot.links:
         listed = listing['links'][link.name]
         for kind, shapes in (('visual', link.visuals), ('collision', link.collisions)):
             for shape, entry in zip(shapes, listed[f'{kind}s']):
                 pose = transform_of(entry['pose'])
-                yield kind, [list(map(pose.apply, line)) for line in outline(shape.geometry)]
+                found[kind] += [list(map(pose.apply, line)) for line in outline(shape.geometry)]
+    return found
 
 
 def plain(text: str, longest: int = 60) -> str:
