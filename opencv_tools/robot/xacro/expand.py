@@ -30,6 +30,7 @@ import os
 from pathlib import Path
 import re
 import stat
+import sys
 from typing import Any
 from xml.dom import minidom
 
@@ -72,7 +73,7 @@ def expand(path: str, data: bytes, arguments: Mapping[str, str], report: Report,
                                ) from err
     values = _Arguments(arguments)
     output = StringIO()  # of the file and of xacro
-    with patched, redirect_stdout(output), redirect_stderr(output):
+    with redirect_stdout(output), redirect_stderr(output):
         try:
             document = patched.expand(path, data, values)
             _replace_markers(document, find, report)
@@ -108,10 +109,10 @@ class _Arguments(dict[str, str]):
 
 class _PatchedXacro:
     """
-    The package xacro with some functions replaced while the context is active.
+    A new import of the package xacro with some functions replaced.
 
-    xacro has no options for these replacements. It also keeps the state of an expansion in global
-    variables, which are restored at the end.
+    xacro has no options for these replacements, and keeps the state of an expansion in global
+    variables.
 
     =======================  ======================================================================
     function                 purpose of the replacement
@@ -126,31 +127,18 @@ class _PatchedXacro:
     """
 
     def __init__(self, report: Report) -> None:
+        for name, module in [*sys.modules.items()]:
+            if module and name.partition('.')[0] == 'xacro':
+                del sys.modules[name]
         self._xacro: Any = importlib.import_module('xacro')
-        self._substitution: Any = importlib.import_module('xacro.substitution_args')
         self._report = report
         self._original = dict(vars(self._xacro))
         self._calls = 0
-
-    def __enter__(self) -> _PatchedXacro:
-        xacro, substitution = self._xacro, self._substitution
-        self._original_find = substitution._eval_find
-        self._contents = [(values, dict(values)) for values in (
-            substitution._eval_dict, xacro.substitution_args_context)]
-        self._includes = list(xacro.all_includes)
-        xacro.parse = self._parse
-        xacro.abs_filename_spec = self._path
-        xacro.handle_macro_call = self._call_macro
+        self._xacro.parse = self._parse
+        self._xacro.abs_filename_spec = self._path
+        self._xacro.handle_macro_call = self._call_macro
+        substitution: Any = importlib.import_module('xacro.substitution_args')
         substitution._eval_find = substitution._eval_dict['find'] = _find
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        vars(self._xacro).update(self._original)
-        self._substitution._eval_find = self._original_find
-        for values, contents in self._contents:
-            values.clear()
-            values.update(contents)
-        self._xacro.all_includes[:] = self._includes
 
     def expand(self, path: str, data: bytes, arguments: dict[str, str]) -> minidom.Document:
         self._xacro.init_stacks(None if path == '-' else path)
