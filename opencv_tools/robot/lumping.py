@@ -48,6 +48,7 @@ _SINGLE = ('enable_wind', 'gravity', 'inertial', 'kinematic', 'must_be_base_link
 # joint, and a link that has no mass in URDF.
 _MARKS = _LINK, _JOINT, _PARENT, _CHILD, _FORMER, _MASSLESS = tuple(
     f'{URDF_TAG}{name}' for name in ('link', 'joint', 'parent', 'child', 'former', 'massless'))
+_NO_MARKS = dict.fromkeys(_MARKS)
 
 
 def lump_fixed(robot: Robot, report: Report) -> Robot:
@@ -111,13 +112,13 @@ def marked_massless(robot: Robot) -> Robot:
     if not any(link.inertial for link in robot.links):
         return robot
     return replace(robot, links=tuple(
-        link if link.inertial or link.is_world else _with_marks(link, {_MASSLESS: 'true'})
+        link if link.inertial or link.is_world else _marked(link, {_MASSLESS: 'true'})
         for link in robot.links))
 
 
 def is_massless(link: Link) -> bool:
     """Return whether a link of SDF without an inertial has no mass in URDF."""
-    return _MASSLESS in _marks(link)
+    return _MASSLESS in link.extension.marks
 
 
 def _joints_inside(robot: Robot) -> set[str]:
@@ -207,7 +208,7 @@ class _Merging:
         found: dict[FrameId, RobotFrame] = {}
         for number, joint in enumerate(self.robot.joints):
             if self.hosts[joint.child] == self.hosts[joint.parent]:
-                former = _marks(joint).get('name')
+                former = joint.extension.marks.get('name')
                 frame = self._frame(joint, self.hosts[joint.child], {
                     _JOINT: str(number), _PARENT: joint.parent, _CHILD: joint.child,
                     **({_FORMER: former} if former else {})})
@@ -221,25 +222,21 @@ class _Merging:
         return found
 
     def _frame(self, owner: Link | Joint, host: str, marks: Mapping[str, str]) -> RobotFrame:
-        sdf = owner.extension.sdf if self.is_marked and isinstance(owner, Joint) else None
-        frame = RobotFrame(
-            name=owner.name, attached_to=FrameId('link', host), placement=owner.placement,
-            extension=replace(owner.extension, sdf=None if sdf is None else _prefixed(sdf)),
-            line=owner.line)
-        if not self.is_marked:
-            return frame
-        frame = _with_marks(frame, marks)
-        if _FORMER in marks and frame.extension.urdf is not None:
+        extension, sdf = owner.extension.with_sdf(None), owner.extension.sdf
+        if self.is_marked:
+            if isinstance(owner, Joint) and sdf is not None:
+                extension = extension.with_sdf(_prefixed(sdf))
             # A link may have the same name in URDF, and names of frames are unique.
-            frame.extension.urdf.attrib.pop('name', '')
-        return frame
+            extension = extension.marked({**marks, **({'name': None} if _FORMER in marks else {})})
+        return RobotFrame(name=owner.name, attached_to=FrameId('link', host),
+                          placement=owner.placement, extension=extension, line=owner.line)
 
     def _between_hosts(self, joint: Joint) -> Joint:
         """Return a joint between the links that stay."""
         ends = {_PARENT: joint.parent, _CHILD: joint.child}
         marks = {mark: name for mark, name in ends.items() if self.hosts[name] != name}
         joint = replace(joint, parent=self.hosts[joint.parent], child=self.hosts[joint.child])
-        return _with_marks(joint, marks) if marks and self.is_marked else joint
+        return _marked(joint, marks) if marks and self.is_marked else joint
 
     def _with_members(self, host: Link, others: Sequence[Link]) -> Link:
         """Return a link with the inertials, shapes and sensors of other links merged into it."""
@@ -270,13 +267,13 @@ class _Merging:
             host, visuals=tuple(shapes['visuals']), collisions=tuple(shapes['collisions']),
             inertial=total_inertial(inertials, FrameId('link', host.name), self.kinematics)
             if inertials else None,
-            extension=replace(host.extension, sdf=_unless_empty(sdf)))
+            extension=host.extension.with_sdf(sdf))
 
     def _shape(self, shape: Shape, link: Link, taken: Names) -> Shape:
         """Return a shape with the name of its former link in its name."""
         if self.is_marked:
-            shape = _with_marks(shape, {
-                'name': shape.name, **_marks(shape), _LINK: link.name})
+            shape = _marked(shape, {
+                'name': shape.name, **shape.extension.marks, _LINK: link.name})
         return replace(shape, name=shape.name and taken.new(f'{link.name}_{shape.name}'))
 
 
@@ -302,14 +299,13 @@ def with_massless(robot: Robot) -> Robot:
 
     The robot is returned unchanged if its frames and links were edited so that they do not fit.
     """
-    if not any(mark in urdf.attrib for _, owner in robot.frame_owners()
-               if (urdf := owner.extension.urdf) is not None for mark in _MARKS):
+    if not any(_NO_MARKS.keys() & owner.extension.marks for _, owner in robot.frame_owners()):
         return robot
     robot = replace(robot, links=tuple(
-        replace(_without_marks(link), default_mass=0.0) if is_massless(link) else link
+        replace(_marked(link, _NO_MARKS), default_mass=0.0) if is_massless(link) else link
         for link in robot.links))
     frames = {mark: sorted(((int(text[:9]), frame) for frame in robot.frames
-                            if (text := _marks(frame).get(mark, '')).isdecimal()),
+                            if (text := frame.extension.marks.get(mark, '')).isdecimal()),
                            key=lambda one: one[0]) for mark in (_LINK, _JOINT)}
     parts = {frame.name: {kind: list[Any]() for kind in (*_SHAPES, 'sdf')}
              for _, frame in frames[_LINK]}
@@ -325,10 +321,10 @@ def with_massless(robot: Robot) -> Robot:
     for number, frame in frames[_LINK]:
         own, sdf = parts[frame.name], etree.Element('link')
         sdf.extend(own['sdf'])
-        links.insert(number, _without_marks(Link(
+        links.insert(number, Link(
             name=frame.name, placement=frame.placement, visuals=tuple(own['visuals']),
-            collisions=tuple(own['collisions']), line=frame.line, extension=replace(
-                frame.extension, sdf=sdf if len(sdf) else None))))
+            collisions=tuple(own['collisions']), line=frame.line,
+            extension=frame.extension.with_sdf(sdf).marked(_NO_MARKS)))
     new_ids = {FrameId('frame', frame.name): FrameId(mark.removeprefix(URDF_TAG), frame.name)
                for mark, found in frames.items() for _, frame in found}
     result = replace(
@@ -346,9 +342,9 @@ def _split(link: Link, parts: Mapping[str, Mapping[str, list[Any]]]) -> Link:
     shapes: dict[str, list[Shape]] = {kind: [] for kind in _SHAPES}
     for kind, own in shapes.items():
         for shape in getattr(link, kind):
-            name = _marks(shape).get(_LINK, '')
+            name = shape.extension.marks.get(_LINK, '')
             if name in parts:
-                parts[name][kind].append(_without_marks(shape))
+                parts[name][kind].append(_marked(shape, _NO_MARKS))
             else:
                 own.append(shape)
     sdf = None if link.extension.sdf is None else detached(link.extension.sdf)
@@ -365,21 +361,20 @@ def _split(link: Link, parts: Mapping[str, Mapping[str, list[Any]]]) -> Link:
                 if not pose.text:
                     element.remove(pose)
     return replace(link, visuals=tuple(shapes['visuals']), collisions=tuple(shapes['collisions']),
-                   extension=replace(link.extension, sdf=_unless_empty(sdf)))
+                   extension=link.extension.with_sdf(sdf))
 
 
 def _reconnected(joint: Joint) -> Joint:
     """Return a joint between its former links."""
-    marks, sdf = _marks(joint), joint.extension.sdf
+    marks, sdf = joint.extension.marks, joint.extension.sdf
     if sdf is not None and _JOINT in marks:
         sdf = detached(sdf)
         for element in sdf.iterchildren(f'{URDF_TAG}*'):
             element.tag = str(element.tag).removeprefix(URDF_TAG)
-    if marks.get(_FORMER):
-        joint = _with_marks(joint, {'name': marks[_FORMER]})
-    return _without_marks(replace(
+    return replace(
         joint, parent=marks.get(_PARENT, joint.parent), child=marks.get(_CHILD, joint.child),
-        extension=replace(joint.extension, sdf=sdf)))
+        extension=joint.extension.with_sdf(sdf).marked(
+            {**({'name': marks[_FORMER]} if _FORMER in marks else {}), **_NO_MARKS}))
 
 
 def _prefixed(sdf: Element) -> Element:
@@ -390,25 +385,5 @@ def _prefixed(sdf: Element) -> Element:
     return copy
 
 
-def _unless_empty(element: Element | None) -> Element | None:
-    return element if element is not None and (len(element) or element.attrib) else None
-
-
-def _marks(owner: _Owner) -> Mapping[str, str]:
-    """Return the attributes of URDF that the conversion back reads."""
-    return {} if owner.extension.urdf is None else dict(owner.extension.urdf.attrib)
-
-
-def _with_marks(owner: _Owner, marks: Mapping[str, str]) -> _Owner:
-    urdf = owner.extension.urdf
-    root = etree.Element('marked') if urdf is None else detached(urdf)
-    root.attrib.update(dict(marks))
-    return replace(owner, extension=replace(owner.extension, urdf=root))
-
-
-def _without_marks(owner: _Owner) -> _Owner:
-    if owner.extension.urdf is None:
-        return owner
-    root = detached(owner.extension.urdf)
-    etree.strip_attributes(root, *_MARKS)
-    return replace(owner, extension=replace(owner.extension, urdf=_unless_empty(root)))
+def _marked(owner: _Owner, marks: Mapping[str, str | None]) -> _Owner:
+    return replace(owner, extension=owner.extension.marked(marks))

@@ -21,7 +21,8 @@ in. A conversion can therefore copy the numbers. XML that the model does not rep
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple, TYPE_CHECKING, TypeVar
@@ -74,6 +75,32 @@ class Extension:
     def find_sdf(self, path: str) -> etree._Element | None:
         """Return the first SDF child with a path such as ``geometry/mesh``, if there is one."""
         return None if self.sdf is None else self.sdf.find(path)
+
+    def with_sdf(self, sdf: etree._Element | None) -> Extension:
+        """Return the extension with other SDF; an empty element is none."""
+        return replace(self, sdf=_unless_empty(sdf))
+
+    @property
+    def marks(self) -> dict[str, str]:
+        """Attributes of URDF: the name there, and marks for the conversion back."""
+        return {} if self.urdf is None else {
+            str(name): str(value) for name, value in self.urdf.attrib.items()}
+
+    def marked(self, marks: Mapping[str, str | None]) -> Extension:
+        """Return the extension with other values of marks; None removes a mark."""
+        if self.urdf is None and not any(marks.values()):
+            return self
+        root = etree.Element('marked') if self.urdf is None else deepcopy(self.urdf)
+        for name, value in marks.items():
+            root.attrib.pop(name, '')
+            if value is not None:
+                root.set(name, value)
+        return replace(self, urdf=_unless_empty(root))
+
+
+def _unless_empty(element: etree._Element | None) -> etree._Element | None:
+    is_empty = element is None or not (len(element) or element.attrib or element.text)
+    return None if is_empty else element
 
 
 NO_EXTENSION = Extension()

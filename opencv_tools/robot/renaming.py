@@ -21,7 +21,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeVar
 
-from lxml import etree
 from opencv_tools.robot.lumping import with_massless
 from opencv_tools.robot.model import (
     Axis, Extension, FrameId, Joint, Link, Robot, RobotFrame, Shape, WORLD)
@@ -43,7 +42,7 @@ def with_valid_sdf_names(robot: Robot, report: Report) -> Robot:
     name = Names({WORLD}).kept(allowed_name(robot.name), '_model')
     if name != robot.name:
         _warn_renamed(report, 'robot', robot.name, 0, name)
-        robot = _with_original_name('robot', robot, name)
+        robot = _with_original_name(robot, name)
     taken = Names({WORLD})
     names: dict[FrameId, str] = {}
     for frame, owner in robot.frame_owners():
@@ -92,7 +91,7 @@ def with_original_names(robot: Robot) -> Robot:
     """
     robot = with_massless(robot)
     names = {frame: name for frame, owner in robot.frame_owners()
-             if (name := _original_name(owner.extension))}
+             if (name := owner.extension.marks.get('name'))}
     taken: set[FrameId] = set()
     for frame, owner in robot.frame_owners():
         original = _new_id(frame, names)
@@ -108,8 +107,7 @@ def with_original_names(robot: Robot) -> Robot:
 
 def _with_original_shape_names(link: Link) -> Link:
     """Return a link with the original names of its shapes, also in its contact sensors."""
-    names = {shape.name: name for shape in link.collisions
-             if (name := _original_name(shape.extension))}
+    names = {shape.name: original_name(shape) for shape in link.collisions}
     return replace(link, visuals=_restored(link.visuals), collisions=_restored(link.collisions),
                    extension=_with_contacts(link.extension, names))
 
@@ -127,7 +125,7 @@ def renamed(robot: Robot, names: _Names, *, keep: bool = False) -> Robot:
         name = names.get(FrameId(kind, owner.name), owner.name)
         if name == owner.name or not keep:
             return replace(owner, name=name)
-        return _with_original_name(kind, owner, name)
+        return _with_original_name(owner, name)
 
     def axis(old: Axis) -> Axis:
         return replace(old, mimic=old.mimic and replace(
@@ -174,7 +172,7 @@ def _with_shape_names(link: Link, report: Report) -> Link:
             if shape.name and name != shape.name:
                 report.warn(tag, shape.name, shape.line,
                             f'renamed to {name!r}, because SDF requires unique names in a link')
-                shape = _with_original_name(tag, shape, name)
+                shape = _with_original_name(shape, name)
             taken.add(name)
             used.add(name)
             result[tag].append(replace(shape, name=name))
@@ -190,35 +188,21 @@ def _with_contacts(extension: Extension, names: Mapping[str, str]) -> Extension:
     for collision in root.iterfind('sensor/contact/collision'):
         name = (collision.text or '').strip()
         collision.text = names.get(name, collision.text)
-    return replace(extension, sdf=root)
+    return extension.with_sdf(root)
 
 
-def _with_original_name(tag: str, owner: _Named, name: str) -> _Named:
+def _with_original_name(owner: _Named, name: str) -> _Named:
     """Return an object with a new name, and with its original name in its extension."""
-    urdf = owner.extension.urdf
-    root = etree.Element(tag) if urdf is None else detached(urdf)
-    root.set('name', owner.name)
-    return replace(owner, name=name, extension=replace(owner.extension, urdf=root))
+    return replace(owner, name=name, extension=owner.extension.marked({'name': owner.name}))
 
 
-def _original_name(extension: Extension) -> str:
-    return '' if extension.urdf is None else extension.urdf.get('name', '')
-
-
-def original_name(link: Link) -> str:
-    """Return the name of a link in URDF."""
-    return _original_name(link.extension) or link.name
+def original_name(owner: _Named) -> str:
+    """Return the name of an object in URDF."""
+    return owner.extension.marks.get('name') or owner.name
 
 
 def _restored(owners: tuple[_Named, ...]) -> tuple[_Named, ...]:
     """Return objects with their original names, which are removed from their extensions."""
-    result = []
-    for owner in owners:
-        name = _original_name(owner.extension)
-        if name and owner.extension.urdf is not None:
-            root = detached(owner.extension.urdf)
-            del root.attrib['name']
-            urdf = root if len(root) or root.attrib else None
-            owner = replace(owner, name=name, extension=replace(owner.extension, urdf=urdf))
-        result.append(owner)
-    return tuple(result)
+    return tuple(
+        replace(owner, name=name, extension=owner.extension.marked({'name': None}))
+        if (name := owner.extension.marks.get('name')) else owner for owner in owners)

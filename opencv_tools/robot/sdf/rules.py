@@ -105,21 +105,7 @@ _NONE = _read_rule('')
 # The end of a path counts more than a tag, because some tags have several meanings.
 _RULES = _ends({end: _read_rule(*words or ['']) for end, words in read_lines(
     Path(__file__).with_name('values.txt')).items()})
-_REQUIRED: Mapping[str, tuple[str, ...]] = {
-    'battery': ('name',), 'gripper': ('name',), 'light': ('name', 'type'),
-    'particle_emitter': ('name', 'type'), 'plugin': ('filename', 'name'), 'projector': ('name',),
-    'sensor': ('name', 'type'),
-}
-_TYPES: Mapping[str, tuple[str, ...]] = {
-    'light': ('directional', 'point', 'spot'),
-    'sensor': (
-        'air_pressure', 'air_speed', 'altimeter', 'boundingbox', 'boundingbox_camera', 'camera',
-        'contact', 'custom', 'depth', 'depth_camera', 'dvl', 'force_torque', 'gps', 'gpu_lidar',
-        'gpu_ray', 'imu', 'lidar', 'logical_camera', 'magnetometer', 'multicamera', 'navsat',
-        'ray', 'rfid', 'rfidtag', 'rgbd', 'rgbd_camera', 'segmentation', 'segmentation_camera',
-        'sonar', 'thermal', 'thermal_camera', 'wide_angle_camera', 'wideanglecamera',
-        'wireless_receiver', 'wireless_transmitter'),
-}
+_REQUIRED = read_lines(Path(__file__).with_name('required.txt'))
 
 
 def _is_ignored(element: Element) -> bool:
@@ -146,7 +132,8 @@ def find_flaw(element: Element) -> str:
     for plugin in element.iterchildren('plugin') if len(element) else ():
         if not (plugin.get('filename', '').strip() and plugin.get('name', '').strip()):
             return 'has a <plugin> without filename= or name=, which SDF requires'
-    if tag in _TYPES and element.get('type') not in _TYPES[tag]:
+    types = _REQUIRED.get(f'{tag}@type')
+    if types and element.get('type') not in types:
         return f'type={element.get("type")!r} is not a type of <{tag}> in SDF'
     text = (element.text or '').strip()
     return _find_wrong_value(element, text) if text and not len(element) else ''

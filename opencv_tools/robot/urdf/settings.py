@@ -165,7 +165,8 @@ def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: li
         element = etree.Element(kind)
         element.extend(shared)
         found.append(element)
-    return [_with_sdf(holder, copy) for holder, copy in zip(holders, copies)]
+    return [replace(holder, extension=holder.extension.with_sdf(copy))
+            for holder, copy in zip(holders, copies)]
 
 
 def _shared(owners: Sequence[Element], tags: Sequence[str]) -> list[Element]:
@@ -181,14 +182,6 @@ def _shared(owners: Sequence[Element], tags: Sequence[str]) -> list[Element]:
             for twin in alike:
                 _remove(twin)
     return shared
-
-
-def _with_sdf(holder: _Holder, sdf: Element | None) -> _Holder:
-    """Return a holder with another SDF of its extension; None if there was none."""
-    if sdf is None:
-        return holder
-    kept = sdf if len(sdf) or sdf.attrib or sdf.text else None
-    return replace(holder, extension=replace(holder.extension, sdf=kept))
 
 
 def _leaves(owner: Element | None, setting: Setting) -> list[Element]:

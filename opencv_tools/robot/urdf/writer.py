@@ -21,8 +21,9 @@ URDF has no link poses. Everything in a link is placed in the frame of its paren
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
+from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.geometry import Capsule, Cylinder
@@ -43,72 +44,42 @@ from opencv_tools.robot.xml.passthrough import (
     embed_foreign, merge_unread, namespaces, report_preserved, SDF_TAG)
 from opencv_tools.robot.xml.report import Report
 
-
-@dataclass(frozen=True)
-class GazeboBlocks:
-    """
-    The blocks of a robot.
-
-    :param settings: settings by their owners, as they are in the blocks.
-    :param frames: frames by the names that poses of SDF use.
-    """
-
-    kinematics: Kinematics
-    settings: Mapping[FrameId, Sequence[Element]]
-    frames: Mapping[str, FrameId]
-    report: Report
-
-    def outside(self, unread: Element | None, owner: FrameId) -> Element | None:
-        """Return the SDF of an object without what is written into its block."""
-        tags = self._tags(owner)
-        if unread is None or not any(child.tag in tags for child in unread):
-            return unread
-        copy = detached(unread)
-        for child in list(copy):
-            if child.tag in tags:
-                copy.remove(child)
-        return copy if len(copy) or copy.attrib else None
-
-    def write(self, root: Element, robot: Robot) -> None:
-        """Write the blocks, and report the elements in them."""
-        self._write_block(root, MODEL, robot.name, robot.extension.sdf)
-        for owner, part in robot.frame_owners():
-            if owner.kind != 'frame':
-                self._write_block(root, owner, part.name, part.extension.sdf)
-
-    def _write_block(self, root: Element, owner: FrameId, name: str, unread: Element | None
-                     ) -> None:
-        tags, values = self._tags(owner), self.settings.get(owner, ())
-        children = [] if unread is None else [child for child in unread if child.tag in tags]
-        if children or values:
-            block = etree.SubElement(root, 'gazebo', {} if owner == MODEL else {
-                'reference': name})
-            block.extend(self._in_urdf(child, owner) for child in children)
-            block.extend(values)
-        for child in (*children, *values):
-            self.report.preserve(str(child.tag), name, line_of(child),
-                                 'not supported by URDF; preserved in <gazebo>')
-
-    def _tags(self, owner: FrameId) -> frozenset[str]:
-        # If a link and a joint have the same name, the block belongs to the link.
-        is_shadowed = owner.kind == 'joint' and owner.name in self.kinematics.child_joints
-        if owner == MODEL and WORLD in self.kinematics.child_joints:
-            return GAZEBO[owner.kind] - {'pose'}  # the joint to the world has it
-        return frozenset() if is_shadowed else GAZEBO[owner.kind]
-
-    def _in_urdf(self, element: Element, owner: FrameId) -> Element:
-        if owner.kind != 'link':
-            return detached(element)
-        return in_joint_frame(element, owner.name, self.kinematics, self.frames, self.report)
+_Owner = TypeVar('_Owner', Robot, Link, Joint)
 
 
-def take_blocks(robot: Robot, report: Report) -> tuple[Robot, GazeboBlocks]:
-    """Return a robot without the settings that are written into blocks, and the blocks."""
+def take_blocks(robot: Robot, report: Report) -> tuple[Robot, Mapping[FrameId, Sequence[Element]]]:
+    """Return a robot without what ``<gazebo>`` has, and the contents of the blocks by owner."""
     robot, settings = take_settings(robot, report)
+    kinematics, blocks = Kinematics(robot), dict[FrameId, Sequence[Element]]()
     frames = {MODEL_FRAME: MODEL}
-    for frame_id, owner in robot.frame_owners():
-        frames.setdefault(owner.name, frame_id)
-    return robot, GazeboBlocks(Kinematics(robot), settings, frames, report)
+    for frame, owner in robot.frame_owners():
+        frames.setdefault(owner.name, frame)
+
+    def taken(frame: FrameId, owner: _Owner) -> _Owner:
+        tags, sdf = GAZEBO[frame.kind], owner.extension.sdf
+        values: Sequence[Element] = settings.get(frame, ())
+        if frame.kind == 'joint' and frame.name in kinematics.child_joints:
+            tags = frozenset()  # the block belongs to the link with this name
+        elif frame == MODEL and WORLD in kinematics.child_joints:
+            tags -= {'pose'}  # the joint to the world has it
+        children: list[Element] = [] if sdf is None else [
+            child for child in sdf if child.tag in tags]
+        blocks[frame] = [*(
+            in_joint_frame(child, frame.name, kinematics, frames, report)
+            if frame.kind == 'link' else detached(child) for child in children), *values]
+        for child in (*children, *values):
+            report.preserve(str(child.tag), owner.name, line_of(child),
+                            'not supported by URDF; preserved in <gazebo>')
+        if sdf is None or not children:
+            return owner
+        rest = detached(sdf)
+        rest[:] = [child for child in rest if child.tag not in tags]
+        return replace(owner, extension=owner.extension.with_sdf(rest))
+
+    return replace(taken(MODEL, robot),
+                   links=tuple(taken(FrameId('link', one.name), one) for one in robot.links),
+                   joints=tuple(taken(FrameId('joint', one.name), one) for one in robot.joints)
+                   ), blocks
 
 
 @dataclass(frozen=True)
@@ -118,7 +89,6 @@ class _WriteContext:
     kinematics: Kinematics
     report: Report
     materials: MaterialNames
-    gazebo: GazeboBlocks
     version: str
 
 
@@ -130,8 +100,8 @@ def write_urdf(robot: Robot, report: Report, version: str = OLDEST) -> Element:
     :param version: the version of URDF; 1.0 has cylinders for capsules.
     :returns: the element ``<robot>``.
     """
-    robot, gazebo = take_blocks(robot, report)
-    context = _WriteContext(gazebo.kinematics, report, MaterialNames.of(robot), gazebo, version)
+    robot, blocks = take_blocks(robot, report)
+    context = _WriteContext(Kinematics(robot), report, MaterialNames.of(robot), version)
     root = etree.Element('robot', name=robot.name,
                          nsmap=namespaces(robot.extension_elements(), 'sdf'))
     if robot.canonical_link:
@@ -143,9 +113,12 @@ def write_urdf(robot: Robot, report: Report, version: str = OLDEST) -> Element:
         _joint_element(root, joint, context)
     for frame in robot.frames:
         _frame_element(root, frame, context)
-    gazebo.write(root, robot)
+    for owner, elements in blocks.items():
+        if elements:
+            etree.SubElement(root, 'gazebo', {'reference': owner.name} if owner.name else {}
+                             ).extend(elements)
     merge_unread(root, robot.extension.urdf)
-    embed_foreign(root, gazebo.outside(robot.extension.sdf, MODEL), 'sdf', report, robot.name, 0)
+    embed_foreign(root, robot.extension.sdf, 'sdf', report, robot.name, 0)
     return root
 
 
@@ -165,8 +138,7 @@ def _link_element(root: Element, link: Link, context: _WriteContext) -> None:
     if link_frame.kind == 'link':
         _preserve_pose(element, kinematics.between(MODEL, link_frame), link, context.report)
     merge_unread(element, link.extension.urdf)
-    sdf = context.gazebo.outside(link.extension.sdf, FrameId('link', link.name))
-    embed_foreign(element, sdf, 'sdf', context.report, link.name, link.line)
+    embed_foreign(element, link.extension.sdf, 'sdf', context.report, link.name, link.line)
 
 
 def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
@@ -191,8 +163,7 @@ def _joint_element(root: Element, joint: Joint, context: _WriteContext) -> None:
                     'URDF; written as a floating joint')
         element.set(f'{SDF_TAG}type', joint.type)
         sdf = _with_axes(joint)
-    embed_foreign(element, context.gazebo.outside(sdf, frame), 'sdf', report, joint.name,
-                  joint.line)
+    embed_foreign(element, sdf, 'sdf', report, joint.name, joint.line)
 
 
 def _frame_element(root: Element, frame: RobotFrame, context: _WriteContext) -> None:

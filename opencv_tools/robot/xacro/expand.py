@@ -130,13 +130,13 @@ class _PatchedXacro:
         for name, module in [*sys.modules.items()]:
             if module and name.partition('.')[0] == 'xacro':
                 del sys.modules[name]
-        self._xacro: Any = importlib.import_module('xacro')
+        xacro: Any = importlib.import_module('xacro')
+        self._xacro = xacro
         self._report = report
-        self._original = dict(vars(self._xacro))
+        self._original = dict(vars(xacro))
         self._calls = 0
-        self._xacro.parse = self._parse
-        self._xacro.abs_filename_spec = self._path
-        self._xacro.handle_macro_call = self._call_macro
+        xacro.parse, xacro.abs_filename_spec = self._parse, self._path
+        xacro.handle_macro_call = self._call_macro
         substitution: Any = importlib.import_module('xacro.substitution_args')
         substitution._eval_find = substitution._eval_dict['find'] = _find
 
