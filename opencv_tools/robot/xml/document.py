@@ -23,55 +23,17 @@ from typing import overload, TypeVar
 from lxml import etree
 from opencv_tools.robot.xml.report import Report, SourceLine
 
-# Replacements at the beginning of the document.
-_DECLARATIONS = (
-    (re.compile(rb'\A(<\?xml\s+version\s*=\s*["\'])[\d.]*'), rb'\g<1>1.0'),
-    (re.compile(rb'\A<\?xml\s+(?!version)'), b'<?xml version="1.0" '),
-)
+# Errors of files of others that libxml2 recovers from without losing anything: a declaration that
+# is not first, other versions in it, and prefixes without a namespace.
+_RECOVERED = frozenset({
+    'ERR_RESERVED_XML_NAME', 'ERR_UNKNOWN_VERSION', 'ERR_VERSION_MISSING',
+    'NS_ERR_UNDEFINED_NAMESPACE'})
+_COMMENT = re.compile(rb'(?<=<!--).*?(?=-->)', re.DOTALL)
 _START = re.compile(rb'<\?xml[\s?]|<(sdf|robot)[\s>]')
 _ROOT = re.compile(rb'<(sdf|robot)(?=[\s>])')
-_DECLARED_PREFIX = re.compile(rb'xmlns:([\w.-]+)\s*=')
-_USED_PREFIXES = (re.compile(rb'</?([A-Za-z_][\w.-]*):[\w.-]+'),
-                  re.compile(rb'\s([A-Za-z_][\w.-]*):[\w.-]+\s*=\s*["\']'))
+_UNDECLARED = re.compile('Namespace prefix ([^ ]+) ')
 # A blank for each byte but line feeds.
 _BLANKS = bytes(byte if byte == ord('\n') else ord(' ') for byte in range(256))
-
-
-def repaired(data: bytes) -> bytes | None:
-    """Return a document with the errors of the table repaired, or None if it has none of them."""
-    start = _START.search(data)
-    if start is None:
-        return None
-    document = data[start.start():]
-    for pattern, replacement in _DECLARATIONS:
-        document = pattern.sub(replacement, document, count=1)
-    document = _without_dashes(document)
-    used = {prefix for pattern in _USED_PREFIXES for prefix in pattern.findall(document)}
-    prefixes = sorted(used - {*_DECLARED_PREFIX.findall(document), b'xmlns', b'xml'})
-    if b'xacro' in prefixes:  # without the namespace of xacro, xacro does not expand the file
-        return None
-    # The lines of the text that is removed move into the tag of the root element.
-    lines = b'\n' * data.count(b'\n', 0, start.start())
-    namespaces = b''.join(b' xmlns:%b="urn:undeclared:%b"' % (prefix, prefix)
-                          for prefix in prefixes)
-    document = _ROOT.sub(lambda tag: tag[0] + lines + namespaces, document, count=1)
-    return document if document != data else None
-
-
-def _without_dashes(document: bytes) -> bytes:
-    """Blank the comments that contain ``--``."""
-    blanked = bytearray(document)
-    start = document.find(b'<!--')
-    while start >= 0:
-        end = document.find(b'-->', start + 4)
-        if end < 0:
-            break
-        if document.find(b'--', start + 4, end + 1) >= 0:
-            blanked[start + 4:end] = document[start + 4:end].translate(_BLANKS)
-        start = document.find(b'<!--', end + 3)
-    return bytes(blanked)
-
-
 Element = etree._Element
 
 # Marks an unread element that the reader found. Its value is TEXT_READ if the text was read.
@@ -256,7 +218,7 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     """
     Read XML without entities, without network access and with limits of size and depth.
 
-    Errors that `repairs.repaired` knows are repaired with a warning.
+    Errors of some kinds are repaired with a warning.
 
     :param source: name of the file, for messages.
     :returns: the root element.
@@ -270,25 +232,53 @@ def parse(data: bytes, source: str, report: Report) -> Element:
     if entity:
         raise _entity_error(source, data.count(b'\n', 0, entity.start()) + 1)
     try:
-        return _parse(data, source)
+        return _checked(etree.fromstring(data, _parser()), source)
     except etree.XMLSyntaxError as err:
         error = err
-    document = repaired(data)
-    if document is None:
-        raise _syntax_error(error, source) from error
-    try:
-        root = _parse(document, source)
-    except etree.XMLSyntaxError as err:
-        raise _syntax_error(err, source) from err
+    start = _START.search(data)
+    root = None
+    if start:
+        document = _COMMENT.sub(lambda comment: comment[0].translate(_BLANKS) if (
+            b'--' in comment[0] or comment[0][-1:] == b'-') else comment[0], data[start.start():])
+        root = _recovered(data[:start.start()].translate(_BLANKS) + document, source)
+    if root is None:
+        raise _syntax_error(error.msg, error.lineno, source) from error
     report.warn(local_name(root), '', SourceLine(error.lineno or 0, source),
-                f'{_message(error)}; the file is read with this error repaired')
+                f'{_message(error.msg)}; the file is read with this error repaired')
     return root
 
 
-def _parse(data: bytes, source: str) -> Element:
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False,
-                             remove_comments=True, remove_pis=True)
-    root = etree.fromstring(data, parser)
+def _recovered(data: bytes, source: str, *, is_declared: bool = False) -> Element | None:
+    """
+    Return the root of a document in spite of its errors; None if a prefix cannot be declared.
+
+    :param is_declared: whether the root declares the prefixes that had no namespace.
+    :raises DescriptionError: something would be lost.
+    """
+    parser = _parser(recover=True)
+    root: Element | None = etree.fromstring(data, parser)
+    errors = parser.error_log
+    known = _RECOVERED | ({'ERR_SPACE_REQUIRED'} if any(
+        error.type_name == 'ERR_VERSION_MISSING' for error in errors) else set())
+    for error in errors:
+        if error.type_name not in known:
+            raise _syntax_error(error.message, error.line, source)
+    prefixes = {match[1] for error in errors if (match := _UNDECLARED.match(error.message))}
+    if root is not None and not prefixes:
+        return _checked(root, source)
+    if root is None or is_declared or 'xacro' in prefixes:  # xacro would not expand the file
+        return None
+    declared = ''.join(f' xmlns:{prefix}="urn:undeclared:{prefix}"' for prefix in sorted(prefixes))
+    data = _ROOT.sub(lambda tag: tag[0] + declared.encode(), data, count=1)
+    return _recovered(data, source, is_declared=True)
+
+
+def _parser(*, recover: bool = False) -> etree.XMLParser:
+    return etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False,
+                           remove_comments=True, remove_pis=True, recover=recover)
+
+
+def _checked(root: Element, source: str) -> Element:
     root.getroottree().docinfo.URL = source  # older lxml escapes the argument base_url
     # Some encodings hide the declarations of entities until the data is parsed.
     dtd = root.getroottree().docinfo.internalDTD
@@ -305,12 +295,12 @@ def _entity_error(source: str, line: int = 0) -> DescriptionError:
                             'value', source=source, line=line, tag='!ENTITY')
 
 
-def _syntax_error(err: etree.XMLSyntaxError, source: str) -> DescriptionError:
-    return DescriptionError(_message(err), source=source, line=err.lineno or 0)
+def _syntax_error(text: str | None, line: int | None, source: str) -> DescriptionError:
+    return DescriptionError(_message(text), source=source, line=line or 0)
 
 
-def _message(err: etree.XMLSyntaxError) -> str:
-    message = str(err.msg).partition('\n')[0]
+def _message(text: str | None) -> str:
+    message = str(text).partition('\n')[0]
     if message.startswith('Excessive depth'):
         return 'elements are nested more than 256 deep, the limit for a robot description'
     return f'not well-formed XML: {message}'
