@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from opencv_tools.robot.pose import Vector
@@ -62,6 +63,12 @@ class Mesh:
 
 
 Geometry = Box | Sphere | Cylinder | Capsule | Mesh
+# The solids of both formats by tag, and their sizes with the defaults of SDF.
+SOLIDS: Mapping[str, tuple[Callable[..., Geometry], Mapping[str, str]]] = {
+    'box': (Box, {'size': '1 1 1'}), 'sphere': (Sphere, {'radius': '1'}),
+    'cylinder': (Cylinder, {'radius': '1', 'length': '1'}),
+    'capsule': (Capsule, {'radius': '0.5', 'length': '1'})}
+GEOMETRIES = (*SOLIDS, 'mesh')
 BLACK: Color = (0.0, 0.0, 0.0, 1.0)  # SDF's default for each of ``LIGHT_COLORS``
 # Colours of SDF that URDF does not support.
 LIGHT_COLORS = ('ambient', 'specular', 'emissive')

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Material, Mesh, Sphere
+from opencv_tools.robot.geometry import Capsule, Geometry, GEOMETRIES, Material, Mesh, SOLIDS
 from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
 from opencv_tools.robot.sdf.context import SdfContext
 from opencv_tools.robot.sdf.values import (
@@ -28,7 +28,6 @@ from opencv_tools.robot.xml.document import (
 from opencv_tools.robot.xml.numbers import number, numbers, vector
 from opencv_tools.robot.xml.passthrough import URDF_TAG
 
-_GEOMETRIES = ('box', 'sphere', 'cylinder', 'capsule', 'mesh')
 _URDF_CAPSULE = f'{URDF_TAG}capsule'
 
 
@@ -111,7 +110,7 @@ def _read_geometry(shape: TrackedElement, context: SdfContext) -> Geometry | Non
         element.take_first('cylinder')  # the writer put it in place of the capsule
         return Capsule(number(capsule.get('radius'), capsule, 'radius'),
                        number(capsule.get('length'), capsule, 'length'))
-    children = list(element.element.iterchildren(*_GEOMETRIES))
+    children = list(element.element.iterchildren(*GEOMETRIES))
     for ignored in children[1:]:
         context.report.warn(local_name(ignored), required_name(shape), line_of(ignored),
                             'ignored: only the first shape of a <geometry> is read')
@@ -129,24 +128,20 @@ def _read_known_geometry(element: TrackedElement, context: SdfContext) -> Geomet
             raise DescriptionError('has no <uri>', element)
         return Mesh(context.resolved_uri(uri),
                     None if scale is None else vector(scale.text, scale))
-    if tag == 'box':
-        x, y, z = _read_size(element, 'size', '1 1 1', context)
-        return Box((x, y, z))
-    radius, = _read_size(element, 'radius', '0.5' if tag == 'capsule' else '1', context)
-    if tag == 'sphere':
-        return Sphere(radius)
-    length, = _read_size(element, 'length', '1', context)
-    return Cylinder(radius, length) if tag == 'cylinder' else Capsule(radius, length)
+    solid, sizes = SOLIDS[tag]
+    return solid(*(_read_size(element, name, default, context)
+                   for name, default in sizes.items()))
 
 
 def _read_size(element: TrackedElement, tag: str, default: str, context: SdfContext
-               ) -> tuple[float, ...]:
+               ) -> float | tuple[float, ...]:
     child = element.find(tag)
     if child is None:
         context.report.warn(element.tag, '', line_of(element),
                             f'has no <{tag}>; the default of SDF is {default}')
     text, holder = (default, element) if child is None else (child.text, child)
-    return numbers(text, len(default.split()), holder)
+    found = numbers(text, len(default.split()), holder)
+    return found if len(found) > 1 else found[0]
 
 
 def _read_material(element: TrackedElement, context: SdfContext) -> Material:

@@ -26,7 +26,7 @@ from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_PARTS, PRESERVING_TAGS
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
-from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, with_values
+from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
     detached, Element, line_of, local_name, PARTLY_READ, required_name, TrackedElement)
@@ -56,7 +56,12 @@ class Extracted:
 
     def with_settings(self, extension: Extension, owner: str, name: str) -> Extension:
         """Return an extension with the settings of a link or joint, or of its shapes."""
-        return with_values(extension, self.values.get((owner, name)))
+        values = self.values.get((owner, name))
+        if values is None:
+            return extension
+        sdf = etree.Element(owner) if extension.sdf is None else detached(extension.sdf)
+        merge_unread(sdf, values, marked=True)
+        return extension.with_sdf(sdf)
 
 
 def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extracted:

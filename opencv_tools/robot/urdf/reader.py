@@ -20,14 +20,13 @@ Each joint is placed in its parent link. Each link with a parent joint is placed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 import math
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
+from opencv_tools.robot.geometry import Geometry, GEOMETRIES, Mesh, SOLIDS
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
@@ -83,8 +82,9 @@ def _geometry_problem(shape: TrackedElement) -> str:
     if not children:
         return 'has an empty <geometry>'
     tag = local_name(children[0])
-    if tag not in _GEOMETRIES:
-        return f'<{tag}> is not a geometry of URDF; write one of {_GEOMETRY_TAGS}'
+    if tag not in GEOMETRIES:
+        tags = ', '.join(f'<{one}>' for one in GEOMETRIES)
+        return f'<{tag}> is not a geometry of URDF; write one of {tags}'
     has_no_file = tag == 'mesh' and not children[0].get('filename', '').strip()
     return '<mesh> has no filename=' if has_no_file else ''
 
@@ -119,12 +119,12 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     capsule = parent.take_first(f'{SDF_TAG}capsule')  # the writer put a cylinder in its place
     if capsule is not None:
         parent.take_first(str(first.tag))
-        return Capsule(*_radius_and_length(capsule))
+        return _solid(capsule)
     element = required_child(parent, str(first.tag))
     for name in ('size', 'radius', 'length'):
         text = element.element.get(name, '')
         if '-' in text:
-            with suppress(ValueError):  # _GEOMETRIES refuses other texts
+            with suppress(ValueError):  # `_solid` refuses other texts
                 if min(map(float, text.split())) < 0:
                     report.warn(element.tag, link, line_of(element),
                                 f'{name}={text!r} is negative')
@@ -132,7 +132,7 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     if element.tag == 'mesh' and len(scale.split()) == 1:
         report.warn('mesh', link, line_of(element),
                     f'scale={scale!r} is one number; it is used for all three axes')
-    return _GEOMETRIES[element.tag](element)
+    return _mesh(element) if element.tag == 'mesh' else _solid(element)
 
 
 def _mesh(element: TrackedElement) -> Mesh:
@@ -143,18 +143,11 @@ def _mesh(element: TrackedElement) -> Mesh:
                 None if scale is None else vector(scale, element, 'scale'))
 
 
-def _radius_and_length(element: TrackedElement) -> tuple[float, float]:
-    return required_number(element, 'radius'), required_number(element, 'length')
-
-
-_GEOMETRIES: Mapping[str, Callable[[TrackedElement], Geometry]] = {
-    'box': lambda element: Box(vector(required_attribute(element, 'size'), element, 'size')),
-    'sphere': lambda element: Sphere(required_number(element, 'radius')),
-    'cylinder': lambda element: Cylinder(*_radius_and_length(element)),
-    'capsule': lambda element: Capsule(*_radius_and_length(element)),
-    'mesh': _mesh,
-}
-_GEOMETRY_TAGS = ', '.join(f'<{tag}>' for tag in _GEOMETRIES)
+def _solid(element: TrackedElement) -> Geometry:
+    solid, sizes = SOLIDS[local_name(element)]
+    return solid(*(
+        vector(required_attribute(element, name), element, name) if name == 'size'
+        else required_number(element, name) for name in sizes))
 
 
 def read_link(element: TrackedElement, context: UrdfContext) -> Link:

@@ -26,11 +26,10 @@ from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
-from opencv_tools.robot.model import Extension, FrameId, Joint, Link, Robot, Shape
+from opencv_tools.robot.model import FrameId, Joint, Link, Robot, Shape
 from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO_LINES, SCRIPT
 from opencv_tools.robot.xml.document import detached, Element, PARTLY_READ
-from opencv_tools.robot.xml.passthrough import merge_unread
 from opencv_tools.robot.xml.report import Report
 
 _Holder = TypeVar('_Holder', Shape, Link, Joint)
@@ -97,15 +96,6 @@ def set_value(owner: Element, setting: Setting, text: str) -> bool:
         if element.tag == 'script' and element.find('uri') is None:
             etree.SubElement(element, 'uri').text = SCRIPT
     return former != text
-
-
-def with_values(extension: Extension, values: Element | None) -> Extension:
-    """Return the unread parts of an object with those of another element."""
-    if values is None:
-        return extension
-    sdf = etree.Element(values.tag) if extension.sdf is None else detached(extension.sdf)
-    merge_unread(sdf, values, marked=True)
-    return replace(extension, sdf=sdf)
 
 
 def take_settings(robot: Robot, report: Report) -> tuple[Robot, dict[FrameId, list[Element]]]:
