@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from io import BytesIO
@@ -50,24 +50,25 @@ _BEND = 0.25
 _AZIMUTH, _ELEVATION = math.radians(-55), math.radians(22)  # as in the perspective view
 
 
-def matplotlib_module(name: str = '', package: str = 'matplotlib') -> Any:
+def matplotlib_module(*names: str) -> Any:
     """
     Import matplotlib or a module of it, because only pictures need it.
 
     :raises DescriptionError: matplotlib is not installed.
     """
     try:
-        return import_module(f'{package}.{name}' if name else package)
+        return import_module('.'.join(('matplotlib', *names)))
     except ImportError as err:
         raise DescriptionError('pictures need matplotlib; '
                                f'{installation("matplotlib")}') from err
 
 
-def save(path: str, draw: Callable[[], Any]) -> None:
+def plot_conventions(robot: Robot, listing: Listing, path: str) -> None:
     """
-    Write a picture to a PNG or SVG file atomically.
+    Draw the joints that URDF places beside the links that SDF places, and write it atomically.
 
-    :param path: file name with the suffix of its format.
+    :param listing: a result of `listing.frames`.
+    :param path: file name with the suffix of its format, PNG or SVG.
     :raises DescriptionError: the suffix is not supported, matplotlib is not installed, or the
         file cannot be written.
     """
@@ -77,16 +78,10 @@ def save(path: str, draw: Callable[[], Any]) -> None:
                                source=path)
     data = BytesIO()
     with matplotlib_module().rc_context(_SETTINGS):
-        draw().savefig(data, dpi=DPI, format=suffix[1:], bbox_inches='tight', pad_inches=_MARGIN,
-                       metadata={'Date': None} if suffix == '.svg' else None)
+        draw(robot, listing).savefig(
+            data, dpi=DPI, format=suffix[1:], bbox_inches='tight', pad_inches=_MARGIN,
+            metadata={'Date': None} if suffix == '.svg' else None)
     write_all([(path, data.getvalue())])
-
-
-def new_figure() -> Any:
-    """Return an empty figure that pyplot does not manage."""
-    figure = matplotlib_module('figure').Figure(dpi=DPI)
-    matplotlib_module('backends.backend_agg').FigureCanvasAgg(figure)
-    return figure
 
 
 class Entry(NamedTuple):
@@ -135,17 +130,6 @@ class _Panel:
         return lefts, rights
 
 
-def plot_conventions(robot: Robot, listing: Listing, path: str) -> None:
-    """
-    Draw the joints that URDF places beside the links that SDF places, into a PNG or SVG file.
-
-    :param listing: a result of `listing.frames`.
-    :param path: file name with the suffix of its format.
-    :raises DescriptionError: matplotlib is not installed, or the file cannot be written.
-    """
-    save(path, lambda: draw(robot, listing))
-
-
 def draw(robot: Robot, listing: Listing) -> Any:
     """Return a matplotlib figure with axes in metres for each convention."""
     kinematics = Kinematics(robot)
@@ -165,8 +149,9 @@ def draw(robot: Robot, listing: Listing) -> Any:
     height = max(min(_HEIGHT, _WIDTH * tall / wide),
                  _ROW * max(len(side) for both in columns for side in both))
     inch = max(wide / _WIDTH, tall / height)  # in metres
-    figure = new_figure()
-    figure.set_size_inches(wide / inch, height)
+    # A figure that pyplot does not manage.
+    figure = matplotlib_module('figure').Figure((wide / inch, height), dpi=DPI)
+    canvas = matplotlib_module('backends', 'backend_agg').FigureCanvasAgg(figure)
     middle = (low + high) / 2
     for panel, sides in zip(panels, columns):
         axes = figure.add_axes((0, 0, 1, 1), label=panel.title, xlim=(left, left + wide), ylim=(
@@ -176,7 +161,7 @@ def draw(robot: Robot, listing: Listing) -> Any:
                 'right', 'left')):
             _write_column(axes, entries, x, side, inch)
     # The second axes begin where the texts of the first ones end.
-    first, second = (axes.get_tightbbox(figure.canvas.get_renderer()) for axes in figure.axes)
+    first, second = (axes.get_tightbbox(canvas.get_renderer()) for axes in figure.axes)
     move = first.x1 - second.x0 + _MARGIN * DPI
     figure.axes[1].set_position((move / figure.bbox.width, 0, 1, 1))
     figure.text((first.x0 + second.x1 + move) / 2 / figure.bbox.width, 1 + 0.8 / height,

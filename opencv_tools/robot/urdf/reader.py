@@ -155,13 +155,11 @@ def read_link(element: TrackedElement, context: UrdfContext) -> Link:
     name = required_name(element)
     link_frame = context.link_frame(name)
     inertial = element.find('inertial')
-    visuals, collisions = (shapes_of(element, tag, link_frame, context.materials, context.report)
-                           for tag in ('visual', 'collision'))
     visuals, collisions = (
         tuple(with_gazebo_color(replace(
             shape, extension=context.gazebo.with_settings(shape.extension, tag, name)))
-              for shape in shapes)
-        for tag, shapes in (('visual', visuals), ('collision', collisions)))
+              for shape in shapes_of(element, tag, link_frame, context.materials, context.report))
+        for tag in ('visual', 'collision'))
     return Link(
         name=name, placement=_link_placement(element, context),
         inertial=None if inertial is None else _inertial(
