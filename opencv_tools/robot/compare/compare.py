@@ -25,15 +25,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 import math
 import random
-import sys
 
-from opencv_tools.base.text import printable
 from opencv_tools.robot.compare.dynamics import ENERGY, whole_properties
 from opencv_tools.robot.compare.properties import format_pair, random_position
 from opencv_tools.robot.compare.side import Item, Key, Poses, shapes_of, Side
 from opencv_tools.robot.kinematics import with_mimics
 from opencv_tools.robot.model import MODEL, Robot
 from opencv_tools.robot.xml.document import DescriptionError
+from opencv_tools.robot.xml.output import aligned
 
 _HEADING = ('element', 'name', 'property', 'a', 'b', 'difference')
 # The tolerance of these properties is always relative, because robots have very small values.
@@ -124,15 +123,11 @@ def table(found: Sequence[Difference], most: int | None = None) -> str:
     """
     if not found:
         return ''
-    rows = [_HEADING, *(
-        tuple(printable(cell, sys.maxsize) for cell in (
-            row.element, row.name, row.property, row.a, row.b,
-            f'{row.size:.3g}' if row.size else ''))
-        for row in found[:most])]
-    widths = [max(map(len, column)) for column in zip(*rows)]
-    lines = ['  '.join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    if len(found) >= len(rows):
-        lines.append(f'... and {len(found) - len(rows) + 1} more; --all shows them')
+    rows = [(row.element, row.name, row.property, row.a, row.b,
+             f'{row.size:.3g}' if row.size else '') for row in found[:most]]
+    lines = [aligned([_HEADING, *rows])]
+    if len(found) > len(rows):
+        lines.append(f'... and {len(found) - len(rows)} more; --all shows them')
     return '\n'.join([*lines, '1 difference' if len(found) == 1 else f'{len(found)} differences'])
 
 

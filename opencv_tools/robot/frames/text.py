@@ -17,11 +17,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-import sys
 from typing import Any
 
-from opencv_tools.base.text import printable
 from opencv_tools.robot.frames.listing import depth_first, Listing, parent_joints, transform_of
+from opencv_tools.robot.xml.output import aligned
 
 _INDENT = 2
 _MAX_DEPTH = 20  # deeper links are not indented further
@@ -41,11 +40,7 @@ def text(listing: Listing) -> str:
 
     :param listing: a result of `listing.frames`.
     """
-    rows = [tuple(printable(cell, sys.maxsize) for cell in row) for row in (
-        (heading(listing), 'in', 'xyz in metres', 'rpy in radians'), *_rows(listing))]
-    widths = [max(len(row[column]) for row in rows) for column in range(3)]
-    return '\n'.join('  '.join([f'{cell:{width}}' for cell, width in zip(row, widths)]
-                               + [row[3]]).rstrip() for row in rows)
+    return aligned([(heading(listing), 'in', 'xyz in metres', 'rpy in radians'), *_rows(listing)])
 
 
 def heading(listing: Listing) -> str:

@@ -200,11 +200,6 @@ def _find(package: str) -> str:
 
 def _package_folder(package: str, start: Path) -> str:
     """Return the folder of a package; without a workspace one above a file that names it."""
-    try:
-        index: Any = importlib.import_module('ament_index_python.packages')
-        return str(index.get_package_share_directory(package))
-    except (ImportError, LookupError, OSError, ValueError):
-        pass
     for folder in candidate_folders(package, start):
         if folder.is_dir():
             return str(folder)

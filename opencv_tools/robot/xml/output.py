@@ -149,6 +149,13 @@ def _is_stream(target: Path) -> bool:
         return False
 
 
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of texts as lines with columns, with control characters escaped."""
+    cells = [[printable(cell, sys.maxsize) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells)]
+    return '\n'.join('  '.join(map(str.ljust, row, widths)).rstrip() for row in cells)
+
+
 def print_text(text: str) -> None:
     """Write a text to standard output, with control characters in its lines escaped."""
     encoding = sys.stdout.encoding or 'utf-8'
