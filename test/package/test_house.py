@@ -40,7 +40,7 @@ _GIVES = re.compile(
 BUDGET = {
     '': 964, 'bags': 1252, 'base': 635, 'calibration': 1781, 'capture': 2341, 'convert': 417,
     'datasets': 2935, 'frames': 442, 'image': 1366, 'message_types': 559, 'nodes': 2587,
-    'recording': 2357, 'robot': 6329, 'topics': 1944, 'transport': 1160, 'video': 941, 'viewer':
+    'recording': 2357, 'robot': 6202, 'topics': 1944, 'transport': 1160, 'video': 941, 'viewer':
     5198}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
            tokenize.ENDMARKER)
