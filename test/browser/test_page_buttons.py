@@ -19,15 +19,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from chromium import Browser, wait_until
-from conftest import NodeProcess, spin_until
+from chromium import Browser, Page, wait_until
+from conftest import NodeProcess, recorded_files, spin_until
 import cv2
 import numpy as np
+from opencv_tools.image.encodings import find_encoding
+from opencv_tools.image.orientation import orient
 from pages import Camera, numbered_frame, Viewer
 import pytest
 from rclpy.node import Node
 from test_page_arrangement import LATCHED, TILES
+from test_page_record import images_in
 from test_page_steps import open_alone, pause, RawCamera, show_all, TOPIC
+from test_page_video import VideoCamera
 
 pytest_plugins = ['pages']
 
@@ -70,6 +74,74 @@ def test_picture_that_is_not_kept(viewer: Viewer, browser: Browser, camera: Node
     page.press('s')
     page.wait_for(f'{NOTICE} === "Not saved, because the page has no connection to the node"')
     assert page.complaints() == []
+
+
+def saved_file(page: Page, browser: Browser, folder: Path, press: str) -> tuple[str, np.ndarray]:
+    """Run JavaScript that saves a picture; return the name of the file and its pixels."""
+    browser.call('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(folder))
+    page.evaluate(press)
+    page.wait_for(f'{NOTICE}.startsWith("Saved ")')
+    saved, = wait_until(lambda: [*folder.glob('*.png')])
+    return saved.name, cv2.imread(str(saved))
+
+
+def test_picture_of_the_grid_that_is_saved(
+        viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
+    front, rear = Camera(camera, TOPIC), Camera(camera, '/rear')
+    page = browser.new_page(viewer.url)
+    front.show(page, 1, 10**9)
+    rear.show(page, 2)
+    page.evaluate(f'tileOf({TOPIC!r}).querySelector(".frame").focus()')
+    name, image = saved_file(page, browser, tmp_path, 'document.activeElement.dispatchEvent('
+                             'new KeyboardEvent("keydown", {key: "s", bubbles: true}))')
+    assert name == 'front_1.000000000.png'
+    assert np.array_equal(image, numbered_frame(1))
+    assert page.complaints() == []
+
+
+@pytest.mark.parametrize(('turn', 'flip', 'degrees'), [
+    ('1', 'none', 90), ('2f', 'horizontal', 180), ('3', 'none', 270), ('0f', 'horizontal', 0)])
+def test_turned_picture_that_is_saved(
+        viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path, turn: str, flip: str,
+        degrees: int) -> None:
+    source = Camera(camera, TOPIC, LATCHED)
+    source.publish(0xA5C3)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}&turn={TOPIC}:{turn}')
+    page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    _, image = saved_file(page, browser, tmp_path,
+                          'document.getElementById("save-turned").click()')
+    turned, _ = orient(numbered_frame(0xA5C3), find_encoding('bgr8'), flip, degrees)
+    assert np.array_equal(image, turned)
+    assert page.evaluate(NOTICE).endswith('_turned.png as it is shown')
+    assert page.complaints() == []
+
+
+def test_picture_of_a_video_that_is_saved(
+        viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
+    front = VideoCamera(camera, TOPIC)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    front.show(page, 5)
+    name, image = saved_file(page, browser, tmp_path, 'document.getElementById("save").click()')
+    assert name.startswith('front_1') and page.evaluate(NOTICE).endswith('the decoded video')
+    assert np.abs(image[:192].astype(int) - numbered_frame(5)[:192]).max() < 40
+
+
+def test_last_seconds_of_a_pause(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node, tmp_path: Path,
+) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(start_viewer(control=True, record_dir=tmp_path / 'bags'), browser)
+    show_all(page, source, 1, 3)
+    pause(page)
+    other = browser.new_page(page.evaluate('location.href'))  # with the cookie
+    show_all(other, source, 4, 6)
+    page.wait_for('document.getElementById("keep").checkVisibility()')
+    page.evaluate('document.getElementById("keep").click()')
+    page.wait_for(f'{NOTICE} === "Recorded 3 frames from memory in " + '
+                  f'{NOTICE}.split(" ").at(-1)')
+    (bag,) = recorded_files(tmp_path / 'bags')
+    for number, image in enumerate(images_in(bag)[TOPIC], 1):
+        assert np.array_equal(image[:192], numbered_frame(number)[:192])
 
 
 def test_camera_that_is_stopped(

@@ -127,7 +127,8 @@ def show_all(page: Page, camera: Any, first: int, last: int) -> None:
 
 def open_alone(viewer: Viewer, browser: Browser, search: str = '') -> Page:
     """Open the page with one topic."""
-    page = browser.new_page(f'{viewer.url}?topic={TOPIC}{search}')
+    join = '&' if '?' in viewer.url else '?'
+    page = browser.new_page(f'{viewer.url}{join}topic={TOPIC}{search}')
     page.wait_for(f'{STATE} === "Live"')
     return page
 

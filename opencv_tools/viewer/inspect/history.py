@@ -24,10 +24,9 @@ import sys
 from threading import Lock
 import time
 
-import numpy as np
 from opencv_tools.image.cdr import WireCompressedImage, WireMessage
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.viewer.streams.feed import FeedKey, NewFrame
+from opencv_tools.viewer.streams.feed import FeedKey, is_own, NewFrame
 from opencv_tools.viewer.watched import UNUSED_SECONDS
 
 #: Time before the newest frame of a topic from which its frames are kept.
@@ -256,8 +255,7 @@ def _expired(topic: _Topic, since: float) -> Iterator[KeptFrame]:
 def _owned(received: ReceivedMessage) -> ReceivedMessage:
     """Return a message whose data are not in the shared memory of its publisher."""
     image = received.image
-    # Only the data of shared frames are arrays, and a copy of them is a view of nothing.
-    if not isinstance(image.data, np.ndarray) or image.data.base is None:
+    if is_own(image):
         return received
     data = image.data.copy()
     data.flags.writeable = False

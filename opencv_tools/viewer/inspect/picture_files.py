@@ -44,21 +44,22 @@ class PictureFiles:
         """
         Return the address of the file of a picture, or why there is none.
 
-        :param message: topic and sequence number of the picture; -1 for a picture of video.
+        :param message: topic of the picture and the sequence number that it was sent with.
         :param channels: what sends the pictures of each topic to the page.
         :raises RequestError: a value is invalid.
         """
         topic = topic_of(message['file'])
-        picture = int(valid_number(message.get('picture'), 'picture', -1, 2**53))
+        picture = int(valid_number(message.get('picture'), 'picture', 0, 2**53))
         channel = channels.get(topic)
-        values = {'topic': topic, 'format': 'original'}
-        # Of live pictures that nobody looks into, and of video, no frame is kept.
-        looks = isinstance(channel, Channel) and channel.options.looks
         if isinstance(channel, Channel) and (frame := channel.shown.of(picture)):
-            values['picture'] = self._keep(channel.stream, frame)
-        elif channel is None or looks:
-            return {'file': {'topic': topic, 'error': describe_gone(channel)}}
-        return {'file': {'topic': topic, 'address': f'/snapshot?{urlencode(values)}'}}
+            values = {'topic': topic, 'picture': self._keep(channel.stream, frame)}
+            return {'file': {'topic': topic, 'address': f'/snapshot?{urlencode(values)}'}}
+        if isinstance(channel, Channel) and not channel.options.looks:
+            error = ('the frame of this picture is in the memory of its publisher: show the '
+                     'topic alone, then save')
+        else:
+            error = describe_gone(channel)
+        return {'file': {'topic': topic, 'error': error}}
 
     def take(self, key: str) -> tuple[Stream, NewFrame]:
         """

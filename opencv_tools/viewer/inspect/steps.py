@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from opencv_tools.base.units import NANO
+from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.inspect.history import History, Hold, KeptFrame
 from opencv_tools.viewer.protocol import topic_of, valid_number
@@ -110,6 +111,11 @@ class Steps:
         if self._task is None or self._task.done():
             self._task = asyncio.ensure_future(self._answer_all())
         return True
+
+    def kept(self) -> dict[str, list[ReceivedMessage]]:
+        """Return the messages that a paused page can step through, oldest first, by topic."""
+        return {name: [one.received for one in self._history.held(hold)]
+                for name, hold in self._holds.items()}
 
     def close(self) -> None:
         """Step no more."""

@@ -65,6 +65,7 @@ export class Layout {
   /** Show one topic or all, as somebody has chosen. */
   update() {
     const { state: { selected, isPaused, node }, tiles, robot, steps, recording } = this.#page;
+    const { arrangement } = this.#page;
     document.body.dataset.view = selected ? 'one' : 'all';
     const title = selected || (node.host ? `Cameras of ${node.host}` : 'Cameras');
     showName(part('title'), title);
@@ -72,6 +73,8 @@ export class Layout {
       + (selected && node.host ? `${selected} – ${node.host}` : title);
     part('pause').ariaPressed = isPaused;
     part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
+    const { turns, isFlipped } = arrangement.turned(tiles.alone);
+    part('save-turned').hidden = !turns && !isFlipped;
     part('previous').hidden = part('next').hidden = tiles.size < 2;
     robot.show(!selected, isPaused);
     steps.show(isPaused);

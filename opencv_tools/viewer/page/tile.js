@@ -47,7 +47,7 @@ export class Tile {
   #video = null;
   #askedAt = 0;
   #connected = {}; // another object after each reset
-  #drawn = { sequence: -1, from: 0, at: 0, period: 0, time: '', isVideo: false };
+  #drawn = { sequence: -1, stamp: 0, from: 0, at: 0, period: 0, time: '', isVideo: false };
   #ages = [];
   #age = NaN;
   #history;
@@ -88,6 +88,11 @@ export class Tile {
   /** Sequence number of the image, for questions about it; -1 before the first one and for video. */
   get picture() {
     return this.isVideo ? -1 : this.#drawn.sequence;
+  }
+
+  /** Stamp of the picture in seconds. */
+  get stamp() {
+    return this.#drawn.stamp;
   }
 
   /** Whether the node can keep the picture while the page is paused. */
@@ -203,7 +208,7 @@ export class Tile {
     if (this.canvas.height !== height) this.canvas.height = height;
     this.context.drawImage(picture, 0, 0);
     this.#drawn = {
-      sequence, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
+      sequence, stamp, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
       period: 1 / (this.status?.sent?.rate || Infinity),
       time: new Date().toLocaleTimeString(), isVideo,
     };

@@ -203,19 +203,44 @@ export class Tiles extends Map {
  * Save a picture in the format of the recorder.
  * @param {FileAnswer} file
  * @param {{ turns: number, isFlipped: boolean }} way how the page shows it.
+ * @param {boolean} isTurned whether the file has it as the page shows it.
  * @returns {Promise<string>} the sentence about it.
  */
-export async function savePicture({ address, error }, { turns, isFlipped }) {
+export async function savePicture({ address, error }, { turns, isFlipped }, isTurned) {
   if (error) return error;
-  const answer = await fetch(address).catch((err) => new Response(err.message, { status: 503 }));
+  const turn = isTurned ? `&turn=${turns}${isFlipped ? 'f' : ''}` : '';
+  const answer = await fetch(address + turn).catch(
+    (err) => new Response(err.message, { status: 503 }));
   if (!answer.ok) return (await answer.text()).trim();
   const name = /filename="([^"]+)"/.exec(answer.headers.get('Content-Disposition') ?? '');
-  const href = URL.createObjectURL(await answer.blob());
-  const link = make('a', { href, download: name ? name[1] : 'picture' });
-  link.click();
+  const way = isTurned ? ' as it is shown'
+    : turns || isFlipped ? ' as the camera has sent it, neither turned nor flipped' : '';
+  return download(await answer.blob(), name ? name[1] : 'picture') + way;
+}
+
+function download(blob, name) {
+  const href = URL.createObjectURL(blob);
+  make('a', { href, download: name }).click();
   setTimeout(() => URL.revokeObjectURL(href), KEPT_MS);
-  const way = turns || isFlipped ? ' as the camera has sent it, neither turned nor flipped' : '';
-  return `Saved ${link.download}${way}`;
+  return `Saved ${name}`;
+}
+
+/**
+ * Save a picture of a video, which only the browser has decoded.
+ * @param {Tile} tile
+ * @param {{ turns: number, isFlipped: boolean }} way
+ */
+export async function saveVideo({ canvas, name, stamp }, { turns, isFlipped }) {
+  const { width, height } = canvas;
+  const file = new OffscreenCanvas(...(turns % 2 ? [height, width] : [width, height]));
+  const context = file.getContext('2d');
+  context.translate(file.width / 2, file.height / 2);
+  context.rotate((turns * Math.PI) / 2);
+  context.scale(isFlipped ? -1 : 1, 1);
+  context.drawImage(canvas, -width / 2, -height / 2);
+  const blob = await file.convertToBlob();
+  return `${download(blob, `${name.slice(1).replaceAll('/', '_')}_${stamp.toFixed(6)}.png`)
+  } from the decoded video`;
 }
 
 /** The robot in the grid: its own page in a frame, which exists while it is shown. */

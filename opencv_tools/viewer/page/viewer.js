@@ -21,10 +21,11 @@ import { Controls, explainLimits, RangeForm, readLimits } from './settings.js';
 import {
   addressWith, Arrangement, copyText, keep, readAddress, State, topicOfAddress,
 } from './state.js';
-import { Robot, savePicture, Tiles } from './tiles.js';
+import { Robot, savePicture, saveVideo, Tiles } from './tiles.js';
 import { decodedCodecs } from './video.js';
 
 const REFRESH_MS = 500;
+const UNTURNED = { turns: 0, isFlipped: false };
 const NOTICE_MS = 8000;
 const ZOOM = 1.5; // of a press of a button
 // The parts of a tile that use messages, by kind.
@@ -32,6 +33,7 @@ const RECEIVERS = {
   pixel: 'look', profile: 'look', histogram: 'look', boxes: 'overlay', camera: 'overlay',
 };
 
+const turnedFiles = new Set(); // topics whose pictures are saved as they are shown
 keep({ token: '' });
 const given = readAddress();
 const state = new State(await decodedCodecs());
@@ -103,7 +105,9 @@ function receive(message) {
   }
   if (message.step) steps.receive(message.step);
   if (message.file) {
-    savePicture(message.file, arrangement.turned(message.file.topic)).then(notify);
+    const { file } = message;
+    savePicture(file, arrangement.turned(file.topic), turnedFiles.delete(file.topic))
+      .then(notify);
   }
   controls.receive(message);
   recording.receive(message);
@@ -175,11 +179,16 @@ function pause() {
 }
 
 /** Save the picture that a tile shows; the next one may be drawn meanwhile. */
-function save(name) {
+function save(name, isTurned = false) {
   const tile = tiles.get(name);
   if (!connection.isOpen) notify('Not saved, because the page has no connection to the node');
   else if (tile?.canvas.hidden) notify(tile.link.title || `${name} has no picture yet`);
-  else if (tile) send({ file: name, picture: tile.picture });
+  else if (tile?.isVideo) {
+    saveVideo(tile, isTurned ? arrangement.turned(name) : UNTURNED).then(notify);
+  } else if (tile) {
+    if (isTurned) turnedFiles.add(name);
+    send({ file: name, picture: tile.picture });
+  }
 }
 
 /** Copy the address of the page, with the token, which the address bar does not show. */
@@ -263,6 +272,7 @@ const BUTTONS = {
   earlier: () => steps.by(-1, tiles.alone, tiles.beside),
   later: () => steps.by(1, tiles.alone, tiles.beside),
   save: () => save(tiles.alone),
+  'save-turned': () => save(tiles.alone, true),
   rectified: () => change({ isRectified: !tiles.get(state.selected).isRectified }),
   full: () => (document.fullscreenElement ? document.exitFullscreen()
     : tiles.get(tiles.alone)?.element.requestFullscreen?.()),

@@ -260,10 +260,14 @@ class PageRecorder:
             sentence = await self._start(topics_of(wanted, self._topics))
         return {'record': {'ok': True, 'message': sentence}, 'recording': self._account()}
 
-    async def keep(self, wanted: Any) -> dict[str, Any]:
+    async def keep(
+        self, wanted: Any, paused: Mapping[str, Sequence[ReceivedMessage]],
+    ) -> dict[str, Any]:
         """
         Write the frames that are in memory to a bag, as a page requests.
 
+        :param wanted: numbers of the topics, from a page.
+        :param paused: frames of the topics of a paused page, which are those before its pause.
         :returns: the answer for the page.
         :raises RequestError: the request is invalid, or the folder cannot be used.
         """
@@ -272,7 +276,8 @@ class PageRecorder:
             raise RequestError('this node keeps no frames in memory')
         if self._is_saving:
             raise RequestError('frames are being written: wait')
-        frames = bag_frames(self._node, {name: self.frames_of(name) for name in names})
+        frames = bag_frames(self._node, {
+            name: paused[name] if name in paused else self.frames_of(name) for name in names})
         if not frames:
             raise RequestError(f'no frames of {enumerated([*map(printable, names)])} are in '
                                'memory')

@@ -25,7 +25,7 @@ from typing import Any
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.protocol import finite, step_width, ViewRequest, WIDTHS
 from opencv_tools.viewer.streams.encoding import Picture, PictureOptions
-from opencv_tools.viewer.streams.feed import Feed, NewFrame
+from opencv_tools.viewer.streams.feed import Feed, is_own, NewFrame
 from opencv_tools.viewer.streams.rate_limit import EvenRate
 from opencv_tools.viewer.streams.stream import Stream
 
@@ -330,7 +330,7 @@ class Channel:
             self._link = LinkRate(width, self.options.quality, self.options.fixed)
         now = self._loop.time()
         self._unanswered[self._send(frame, picture)] = (
-            now, len(picture.data), frame if self.options.looks else None)
+            now, len(picture.data), frame if self.options.looks or is_own(frame.message) else None)
         if frame.number != self._last_number:  # not again with another region
             self._sent.add()
         self._last_number = frame.number

@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 import time
 
+import numpy as np
 from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import WireMessage
@@ -163,6 +164,12 @@ class NewFrame:
     def stamp_ns(self) -> int:
         """Return the stamp of the message in nanoseconds."""
         return self.message.header.sec * NANO + self.message.header.nanosec
+
+
+def is_own(message: WireMessage) -> bool:
+    """Return whether the data of a message are not in the shared memory of its publisher."""
+    # Only the data of shared frames are arrays, and a copy of them is a view of nothing.
+    return not isinstance(message.data, np.ndarray) or message.data.base is None
 
 
 class Feed:

@@ -43,15 +43,16 @@ _MAX_STALE = 8
 _MAX_WAITING = 20
 
 _Message = dict[str, Any]
-# What each word of a page makes the control do, given the node and the message.
-_CONTROLS: dict[str, Callable[[CameraControl, Any, _Message], Coroutine[Any, Any, _Message]]] = {
-    'parameters': lambda control, node, _: control.parameters(node),
-    'set': lambda control, node, message: control.set(
+_Control = Callable[[CameraControl, Any, _Message, Steps], Coroutine[Any, Any, _Message]]
+# What each word of a page makes the control do, given what it names and the message.
+_CONTROLS: dict[str, _Control] = {
+    'parameters': lambda control, node, *_: control.parameters(node),
+    'set': lambda control, node, message, _: control.set(
         node, message.get('name'), message.get('value')),
-    'capture': lambda control, node, message: control.capture(node, message.get('on')),
-    'save': lambda control, node, _: control.save(node),
-    'keep': lambda control, wanted, _: recorder_of(control).keep(wanted),
-    'record': lambda control, wanted, message: recorder_of(control).request(
+    'capture': lambda control, node, message, _: control.capture(node, message.get('on')),
+    'save': lambda control, node, *_: control.save(node),
+    'keep': lambda control, wanted, _, steps: recorder_of(control).keep(wanted, steps.kept()),
+    'record': lambda control, wanted, message, _: recorder_of(control).request(
         wanted, message.get('since')),
 }
 
@@ -159,7 +160,8 @@ class PageSocket(SocketHandler):
         async with self._controlling:
             try:
                 answer = await self.site.hub.control(
-                    lambda control: _CONTROLS[kind](control, message[kind], message))
+                    lambda control: _CONTROLS[kind](
+                        control, message[kind], message, self._steps))
             except RequestError as err:
                 answer = {kind: {'node': message[kind], 'name': message.get('name'), 'ok': False,
                                  'message': str(err)}}

@@ -19,15 +19,20 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
+import re
 import secrets
 from urllib.parse import urlencode
 
+import numpy as np
 from opencv_tools.cv_bridge import CvBridge, CvBridgeError
 from opencv_tools.image.cdr import WireMessage
+from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import ImageError
+from opencv_tools.image.orientation import jpeg_orientation, orient, turn_upright
 from opencv_tools.nodes.conversion import FrameConverter
 from opencv_tools.recording.errors import UnwritableError
-from opencv_tools.recording.frames import CompressedFrame
+from opencv_tools.recording.frames import CompressedFrame, RawFrame, ReceivedFrame
 from opencv_tools.recording.image_encoder import encode_frame, EncoderSettings, read_image_header
 from opencv_tools.recording.naming import FileNames
 from opencv_tools.viewer.errors import RequestError
@@ -43,19 +48,26 @@ from tornado.escape import xhtml_escape
 _SUFFIXES = ('.png', '.tiff', '.npy')
 
 
-def encode_original(message: WireMessage, topic: str, receive_ns: int) -> tuple[str, bytes]:
+def encode_original(
+    message: WireMessage, topic: str, receive_ns: int, degrees: int = 0, flip: str = 'none',
+) -> tuple[str, bytes]:
     """
     Encode a frame without loss.
 
-    :param message: raw or compressed image; a compressed image is not changed.
+    :param message: raw or compressed image; a compressed one is not changed unless it is turned.
     :param topic: topic of the message, for the name.
     :param receive_ns: time of reception in nanoseconds of the system clock.
+    :param degrees: clockwise rotation in degrees, a multiple of 90.
+    :param flip: ``horizontal`` swaps left and right before the rotation; ``none`` does not.
     :returns: name of the file and its content.
     :raises ImageError: the message is not a valid image.
     :raises CvBridgeError: the message is not a valid image.
     """
     frame = FrameConverter(CvBridge()).convert(message, topic, receive_ns)
     suffixes: tuple[str, ...] = _SUFFIXES
+    turned = ''
+    if degrees or flip != 'none':
+        frame, turned = _turned(frame, degrees, flip), '_turned'
     if isinstance(frame, CompressedFrame):
         suffixes = read_image_header(frame.data).suffixes[:1] or _SUFFIXES
     for suffix in suffixes:
@@ -65,7 +77,19 @@ def encode_original(message: WireMessage, topic: str, receive_ns: int) -> tuple[
         except UnwritableError:
             if suffix == suffixes[-1]:
                 raise
-    return FileNames(f'{{topic}}_{{stamp}}{suffix}').name(0, frame.metadata), b''.join(parts)
+    name = FileNames(f'{{topic}}_{{stamp}}{turned}{suffix}').name(0, frame.metadata)
+    return name, b''.join(parts)
+
+
+def _turned(frame: ReceivedFrame, degrees: int, flip: str) -> RawFrame:
+    """Return a frame as pixels that are flipped, then rotated, from the upright picture on."""
+    raw = frame.decode()
+    image = raw.image
+    if isinstance(frame, CompressedFrame):
+        image = turn_upright(image, jpeg_orientation(bytes(frame.data)))
+    image, encoding = orient(image, find_encoding(raw.metadata.encoding), flip, degrees)
+    return replace(raw, image=np.ascontiguousarray(image),
+                   metadata=replace(raw.metadata, encoding=encoding.name))
 
 
 _FRAME_SECONDS = 5.0
@@ -174,9 +198,14 @@ class SnapshotHandler(StreamingHandler):
 
     async def _original(self, stream: Stream, frame: NewFrame) -> bytes:
         self._set_stamp(frame)
+        turn = re.fullmatch('([0-3])(f?)', self.get_query_argument('turn', '') or '0')
+        if turn is None:
+            raise RequestError('turn is not a number of quarters from 0 to 3, with an f for a '
+                               'flip before')
         try:
             name, content = await stream.in_pool(
-                encode_original, frame.message, stream.name, frame.receive_ns)
+                encode_original, frame.message, stream.name, frame.receive_ns,
+                90 * int(turn[1]), 'horizontal' if turn[2] else 'none')
         except (CvBridgeError, ImageError) as err:
             raise RequestError(f'the frame cannot be saved: {err}', 503) from err
         self.set_header('Content-Type', 'application/octet-stream')
