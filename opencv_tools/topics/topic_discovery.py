@@ -265,10 +265,10 @@ def _describe_silent(
     without_video = f'; {_WITHOUT_VIDEO}' if offers[0].topic_type in VIDEO_TOPICS else ''
     user = find_other_user()
     if user:
-        return (f'{topic} has a publisher ({nodes}), but no frame arrives; user {user} also runs '
+        return (f'no frame arrives from the publisher of {topic} ({nodes}); user {user} also runs '
                 'nodes on this machine, and Fast DDS shares no memory between users: run all '
                 'nodes as one user')
-    return (f'{topic} has a publisher ({nodes}), but no frame arrives; the publisher may be '
+    return (f'no frame arrives from the publisher of {topic} ({nodes}); the publisher may be '
             'paused or have crashed, may wait for another slow or killed subscriber, or have no '
             'frames from its source; containers on one machine '
             f'have to share /dev/shm (--ipc=host){without_video}')

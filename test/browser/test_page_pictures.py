@@ -443,7 +443,7 @@ def test_hostile_texts(viewer: Viewer, browser: Browser, camera: Node) -> None:
                         for number, name in enumerate(names)]},
             {'error': HOSTILE}):
         page.evaluate(f'sockets[0].onmessage({{data: {json.dumps(json.dumps(message))}}})')
-    shown = page.evaluate('[...document.querySelectorAll(".name")].map((one) => one.textContent)')
+    shown = page.evaluate('[...document.querySelectorAll(".name")].map((one) => one.title)')
     assert sorted(shown) == sorted(names)
     for place in ('[data-fact=encoding] dd', '#notice'):
         assert page.evaluate(f'document.querySelector({place!r}).textContent') == HOSTILE

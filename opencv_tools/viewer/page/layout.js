@@ -14,7 +14,7 @@
 
 // The layout of the page: which tiles it shows, where, and what its head says.
 
-import { part, showName, showState } from './page.js';
+import { part, shortNames, showName, showState } from './page.js';
 import { addressWith } from './state.js';
 import { isRectified } from './tiles.js';
 
@@ -22,6 +22,7 @@ const GAP = 16; // pixels between tiles
 const CAPTION = 60; // pixels of the texts below a picture
 const LEAST_TILE = 280; // width in pixels
 const SAY_MS = 5000;
+const LONG = 48; // characters of a title
 
 /**
  * Return the columns and the width of tiles that are all on the screen, as large as possible.
@@ -68,7 +69,8 @@ export class Layout {
     const { arrangement } = this.#page;
     document.body.dataset.view = selected ? 'one' : 'all';
     const title = selected || (node.host ? `Cameras of ${node.host}` : 'Cameras');
-    showName(part('title'), title);
+    const isLong = selected.length > LONG;
+    showName(part('title'), title, isLong ? shortNames([...tiles.keys()]).get(title) : title);
     document.title = (recording.isOn ? '● ' : '')
       + (selected && node.host ? `${selected} – ${node.host}` : title);
     part('pause').ariaPressed = isPaused;
@@ -103,13 +105,15 @@ export class Layout {
     const pair = tiles.alone ? [tiles.alone, tiles.beside] : null;
     const active = /** @type {HTMLElement} */ (document.activeElement);
     const { children } = this.#cameras;
+    const short = shortNames((pair ?? listed).filter(Boolean));
     [...new Set([...pair ?? [], ...listed].filter(Boolean))].forEach((name, place) => {
       const { element } = tiles.get(name);
       if (children[place] !== element) this.#cameras.insertBefore(element, children[place]);
     });
     if (document.activeElement !== active) active.focus(); // it was in a moved tile
     for (const [name, tile] of tiles) {
-      tile.element.hidden = !(pair ?? listed).includes(name);
+      tile.element.hidden = !short.has(name);
+      showName(tile.element.querySelector('.name'), name, short.get(name));
       tile.view.turn(arrangement.turned(name));
       tile.element.querySelector('[data-arrange=pin]').ariaPressed = arrangement.has('pin', name);
     }
@@ -178,7 +182,8 @@ export class Layout {
     const { clientWidth } = this.#cameras;
     // Only the texts of a single picture are off an upright screen.
     const scrolls = count === 1 && innerWidth < innerHeight && clientWidth / ratio < height;
-    const caption = !one ? CAPTION
+    const captions = shown.map((tile) => tile.element.offsetHeight - tile.link.offsetHeight);
+    const caption = !one ? Math.max(CAPTION, ...captions)
       : scrolls ? 0 : one.element.offsetHeight - one.link.offsetHeight;
     const { columns, tile } = fit(count, clientWidth, size && !one ? 0 : height, caption, ratio,
       one && count === 1 ? 1 : (!one && size) || LEAST_TILE);

@@ -15,7 +15,6 @@
 // What all pages of img_viewer have: elements, texts, and the head of the page.
 
 const UNITS = [[86400, 'd'], [3600, 'h'], [60, 'min'], [1, 's']];
-const END = 16; // characters of a long name that are always shown
 
 /** Return the element of the page with an id. @type {(id: string) => any} */
 export const part = (id) => document.getElementById(id);
@@ -54,15 +53,33 @@ export function age(seconds) {
 }
 
 /**
- * Show a name, which is cut in its middle if it is too long: the ends of topics differ.
- * @type {(element: HTMLElement, name: string) => void}
+ * Return the parts of names in which they differ, without the folders that all of them begin or
+ * end with; a single name is whole.
+ * @type {(names: string[]) => Map<string, string>}
  */
-export function showName(element, name) {
-  if (element.title === name) return;
+export function shortNames(names) {
+  const paths = names.map((name) => name.split('/'));
+  const most = names.length > 1 ? Math.min(...paths.map((path) => path.length)) - 1 : 0;
+  const count = (at) => {
+    let same = 0;
+    while (same < most && paths.every((path) => path.at(at(same)) === paths[0].at(at(same)))) {
+      same += 1;
+    }
+    return same;
+  };
+  const begin = count((place) => place);
+  const end = Math.min(count((place) => -1 - place), most - begin);
+  return new Map(names.map((name, place) => (
+    [name, paths[place].slice(begin, paths[place].length - end).join('/')])));
+}
+
+/**
+ * Show a name, or a part of it that is enough; the tip has the name.
+ * @type {(element: HTMLElement, name: string, shown?: string) => void}
+ */
+export function showName(element, name, shown = name) {
   element.title = name;
-  const cut = name.length > END ? name.length - END : name.length;
-  element.replaceChildren(...[name.slice(0, cut), name.slice(cut)].map(
-    (textContent) => make('span', { textContent })));
+  write(element, shown);
 }
 
 /**

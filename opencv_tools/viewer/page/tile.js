@@ -67,7 +67,6 @@ export class Tile {
     this.canvas = this.#part('canvas');
     this.canvas.ariaLabel = `Picture of ${name}`;
     this.link = this.#part('.frame');
-    this.link.ariaLabel = `Show ${name}`;
     this.context = this.canvas.getContext('2d', { alpha: false });
     this.view = new View(this.link, this.canvas);
     if (!onLook) return;
@@ -255,6 +254,7 @@ export class Tile {
     this.#part('.reason').hidden = !reason;
     this.#part('.reason').textContent = reason;
     this.link.title = reason;
+    this.link.ariaLabel = `Show ${this.name}${reason && `: ${reason}`}`; // with the text in it
     this.#part('.wait').hidden = hasPicture || Boolean(reason);
     const { sent } = status;
     const seconds = hasPicture ? this.#currentAge(connection.now) : NaN;
