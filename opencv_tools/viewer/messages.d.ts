@@ -78,6 +78,19 @@ export interface Chart {
   under?: number;
   missing?: number;
   lacking?: string;
+  least?: number[];
+  most?: number[];
+  error?: string;
+}
+
+/** Cells with over-exposed pixels, as bits in base64, row by row. */
+export interface Exposed {
+  topic: string;
+  picture: number;
+  bits?: string;
+  columns?: number;
+  step?: number;
+  place?: number[];
   error?: string;
 }
 
@@ -182,6 +195,7 @@ export interface Answer {
   pixel?: Pixel;
   profile?: Chart;
   histogram?: Chart;
+  exposed?: Exposed;
   boxes?: Boxes;
   camera?: Camera;
   step?: StepAnswer;
@@ -220,6 +234,7 @@ export interface Request extends Subscribe {
   pixel?: string;
   profile?: string;
   histogram?: string;
+  exposed?: string;
   picture?: number;
   at?: number[];
   from?: number[];

@@ -23,6 +23,7 @@ import struct
 import time
 from typing import Any
 
+from opencv_tools.base.text import printable
 from opencv_tools.video.packet import CODECS, VideoPacket
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.region import Region
@@ -46,6 +47,7 @@ COMPRESSED, VIDEOS = '/compressed', ('/ffmpeg', '/foxglove')
 
 _HEAD = struct.Struct('>IIdd')
 _PLACE = struct.Struct('>6I')  # part of the image, and its width and height
+_ORIGIN = struct.Struct('>QIH')  # stamp, number from the publisher, bytes of the frame_id
 _VIDEO = 1 << 31  # in the number of the topic, before a packet of video
 # Whether it is a key frame, bytes of the codec string, width, height, number of the packet.
 _VIDEO_HEAD = struct.Struct('>BBHHI')
@@ -87,6 +89,7 @@ class ViewRequest:
 
 def pack_frame(
     topic: int, sequence: int, stamp: float, sent: float, place: tuple[int, ...], picture: bytes,
+    *, origin: tuple[int, int, str] = (0, 0, ''),
 ) -> bytes:
     """
     Return the binary message of a picture.
@@ -95,14 +98,21 @@ def pack_frame(
     :param stamp: stamp of the frame in seconds.
     :param sent: time of sending in seconds of the system clock.
     :param place: column, row, width and height of the part that is shown, and size of the image.
+    :param origin: stamp in nanoseconds, number from the publisher or 0, and ``frame_id``.
     """
-    return _HEAD.pack(topic, sequence % 2**32, stamp, sent) + _PLACE.pack(*place) + picture
+    stamp_ns, number, frame_id = origin
+    text = printable(frame_id).encode()
+    return b''.join((
+        _HEAD.pack(topic, sequence % 2**32, stamp, sent), _PLACE.pack(*place),
+        _ORIGIN.pack(max(0, stamp_ns), number % 2**32, len(text)), text, picture))
 
 
 def unpack_frame(message: bytes) -> tuple[int, int, float, float, tuple[int, ...], bytes]:
-    """Return the arguments of ``pack_frame`` from a binary message."""
+    """Return the arguments of ``pack_frame`` from a binary message, without the origin."""
+    begin = _HEAD.size + _PLACE.size
+    *_, length = _ORIGIN.unpack_from(message, begin)
     return (*_HEAD.unpack_from(message), _PLACE.unpack_from(message, _HEAD.size),
-            message[_HEAD.size + _PLACE.size:])
+            message[begin + _ORIGIN.size + length:])
 
 
 def pack_video(

@@ -179,7 +179,7 @@ def state_of(topic: str) -> str:
             '.map((one) => one.ariaPressed)])')
 
 
-@pytest.mark.parametrize('way', ['in', 'one', 'turn', 'flip', 'profile', 'histogram'])
+@pytest.mark.parametrize('way', ['in', 'one', 'turn', 'flip', 'profile', 'histogram', 'exposed'])
 def test_tile_beside_another_one(
         way: str, viewer: Viewer, browser: Browser, camera: Node) -> None:
     for topic in (TOPIC, '/rear'):

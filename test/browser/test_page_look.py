@@ -133,6 +133,51 @@ def test_value_of_a_jpeg_and_of_the_displayed_frame(
     page.wait_for(f'{VALUE} === "19, 9: B 200, G 200, R 200 of the JPEG"')
 
 
+@pytest.mark.parametrize(('stamp_ns', 'text'), [
+    (1_700_000_000_123_456_789, '1700000000.123456789 (2023-11-1'), (7, '0.000000007'),
+    (12 * 10**9, '12.000000000')])
+def test_origin_of_a_picture(
+        viewer: Viewer, browser: Browser, camera: Node, stamp_ns: int, text: str) -> None:
+    Camera(camera, TOPIC, LATCHED).publish_image(random_image(64, 48), 'bgr8', stamp_ns)
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    shown = page.wait_for(f'factOf({TOPIC!r}, "stamp")')
+    assert shown.startswith(text) and ('.123)' in shown) == ('(' in text)
+    frame = page.evaluate(f'factOf({TOPIC!r}, "frame")')
+    assert 'frame_id camera' in frame
+    page.press('y')
+    page.wait_for('document.getElementById("notice").textContent === '
+                  f'"Copied {TOPIC}, {shown}, {frame}"')
+    assert page.complaints() == []
+
+
+def test_places_of_extremes_and_over_exposed_pixels(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = np.full((480, 640, 3), 90, np.uint8)
+    image[123, 456], image[400, 30] = (90, 255, 90), (90, 90, 4)
+    page = open_image(viewer, browser, camera, image)
+    page.press('h')
+    buttons = f'[...tileOf({TOPIC!r}).querySelectorAll(".chart button")]'
+    page.wait_for(f'{buttons}.map((one) => one.textContent).join() === '
+                  '"smallest 4 at 30, 400,largest 255 at 456, 123"')
+    page.evaluate(f'{buttons}[1].click()')
+    page.wait_for(f'{VALUE} === "456, 123: B 90, G 255, R 90"')
+    page.evaluate('sent.length = 0')
+    page.press('x')
+    marks = f'tileOf({TOPIC!r}).querySelector(".exposed")'
+    page.wait_for(f'!{marks}.hidden && {marks}.width === 320')
+    assert page.evaluate(
+        f'[...{marks}.getContext("2d").getImageData(0, 0, 320, 240).data].map((one, place) => '
+        'one && place % 4 === 3 ? (place - 3) / 4 : -1).filter((one) => one >= 0)'
+    ) == [61 * 320 + 228]
+    left, top = page.evaluate(
+        f'((one, box, frame) => [box.left, box.top])({marks}, {marks}.getBoundingClientRect())')
+    shown = place_of(page, 0, 0, (640, 480))
+    assert abs(left - shown['x']) < 2 and abs(top - shown['y']) < 2
+    page.press('x')
+    page.wait_for(f'{marks}.hidden')
+    assert page.complaints() == []
+
+
 def test_zoom_by_wheel_and_pan(viewer: Viewer, browser: Browser, camera: Node) -> None:
     image = random_image(3840, 2160)
     page = open_image(viewer, browser, camera, image)

@@ -435,7 +435,8 @@ def test_reason_of_silence_and_the_chosen_topics(start: Start, node: Node) -> No
         await listed(page, '/front/image', '/rear')
         await page.send(subscribe='/rear')
         state = await page.status(lambda state: state['reason'])
-        assert state['reason'].startswith('no frame arrives from the publisher of /rear (node /plain)')
+        assert state['reason'].startswith(
+            'no frame arrives from the publisher of /rear (node /plain)')
         assert state['quiet'] is None
         await page.send(subscribe='/rear/other')
         assert 'the image topics are /front/image, /rear' in await page.text('error')

@@ -385,7 +385,8 @@ def test_topic_beyond_the_list(viewer: NodeProcess, node: Node) -> None:
         assert await page.text('more') in (5, 6)  # the last topic was just looked at
         await page.send(subscribe='/zebra')
         state = await page.status(lambda state: state['reason'])
-        assert state['reason'].startswith('no frame arrives from the publisher of /zebra (node /plain)')
+        assert state['reason'].startswith(
+            'no frame arrives from the publisher of /zebra (node /plain)')
 
     run_page(ask())
 
@@ -530,7 +531,8 @@ def test_snapshot_without_frames_has_the_reason(viewer: NodeProcess, node: Node)
         await until_listed(url, '/image')
         answer = await fetch(url, '/snapshot?topic=/image')
         assert answer.code == 503
-        assert answer.body.startswith(b'no frame arrives from the publisher of /image (node /plain)')
+        assert answer.body.startswith(
+            b'no frame arrives from the publisher of /image (node /plain)')
         answer = await publishing(lambda: camera.publish(DEPTH[:0], 'mono16'),
                                   fetch(url, '/snapshot?topic=/image'))
         assert answer.code == 503

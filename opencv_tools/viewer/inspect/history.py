@@ -135,7 +135,8 @@ class History:
         with self._lock:
             if self._topics.get(key) is topic:  # nobody has left meanwhile
                 kept = KeptFrame(
-                    frame=NewFrame(-next(self._numbers), received.image, received.receive_ns),
+                    frame=NewFrame(-next(self._numbers), received.image, received.receive_ns,
+                                   received.number),
                     received=received, size=size, arrived=self._clock())
                 self._make_room(topic, kept)
                 topic.frames[kept.number] = kept

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import asyncio
+from base64 import b64encode
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from functools import partial
@@ -39,6 +40,8 @@ from opencv_tools.viewer.streams.pixels import DISPARITY, Pixels
 MAX_SAMPLES, BINS = 512, 64
 # Values that a text or a chart has at most.
 _MAX_VALUES, _MAX_CURVES = 8, 3
+# Cells of a side of the picture of over-exposed pixels at most.
+_MAX_CELLS = 320
 # Pixels that a histogram counts at most.
 _MAX_COUNTED = 500_000
 _MILLIMETRES = 1000  # in a metre, the unit of depth in 16 bits
@@ -115,17 +118,59 @@ def histogram(pixels: Pixels, region: Region | None) -> _Chart:
     missing = np.logical_or.reduce([missing_numbers(plane, pixels.encoding) for plane in planes])
     over = under = np.zeros(planes[0].shape, bool)
     if dtype.kind == 'u' and not has_depth:
-        over = np.logical_or.reduce([plane == np.iinfo(dtype).max for plane in planes])
+        over = _over(planes)
         under = np.logical_and.reduce([plane == 0 for plane in planes])
     found = [plane[~missing] for plane in planes]
     low, high = (0.0, 255.0) if dtype == np.uint8 else _limits(found)
     count = max(1, missing.size)
     lacking = 'depth' if has_depth else 'a number'
-    return {'names': names, 'low': low, 'high': high,
+    return {'names': names, 'low': low, 'high': high, **_extremes(pixels, part),
             'over': float(over.mean()), 'under': float(under.mean()),
             'missing': float(missing.mean()),
             'lacking': DISPARITY.name if pixels.encoding is DISPARITY else lacking,
             'curves': [(_count(values, low, high) / count).tolist() for values in found]}
+
+
+def exposed(pixels: Pixels, region: Region | None) -> _Chart:
+    """
+    Find the over-exposed pixels of a part of an image.
+
+    :param region: the part; None for the whole image.
+    :returns: ``bits`` in base64, one for each cell and row by row; a cell of ``step`` x ``step``
+        pixels counts if one of them is over-exposed. ``place`` is where the part begins.
+    :raises CodecError: the values have no largest one.
+    """
+    part = region_within(region, *pixels.size)
+    planes = [pixels.numbers(part.crop(plane)) for plane in _planes(pixels)[0]]
+    if planes[0].dtype.kind != 'u' or pixels.encoding.name in UNITS:
+        raise CodecError(f'{pixels.encoding.name} has no largest value: no pixel is over-exposed')
+    over, step = _over(planes), -(-max(part.width, part.height) // _MAX_CELLS)
+    over = np.pad(over, [(0, -side % step) for side in over.shape])
+    rows, columns = over.shape[0] // step, over.shape[1] // step
+    cells = over.reshape(rows, step, columns, step).any(axis=(1, 3))
+    return {'bits': b64encode(np.packbits(cells).tobytes()).decode(), 'columns': columns,
+            'step': step, 'place': [part.x, part.y]}
+
+
+def _over(planes: list[NDArray[Any]]) -> NDArray[Any]:
+    """Return which pixels have the largest value of their type in a channel."""
+    return np.logical_or.reduce([plane == np.iinfo(plane.dtype).max for plane in planes])
+
+
+def _extremes(pixels: Pixels, part: Region) -> _Chart:
+    """Return the smallest and the largest value of a part, each with its column and its row."""
+    planes = [pixels.numbers(part.crop(plane)) for plane in _planes(pixels)[0]]
+    present = ~np.logical_or.reduce([missing_numbers(one, pixels.encoding) for one in planes])
+    found = {}
+    for name, reduce, place_of in (('least', np.minimum.reduce, np.argmin),
+                                   ('most', np.maximum.reduce, np.argmax)):
+        values = reduce(planes)
+        places = np.flatnonzero(present)
+        if places.size:
+            place = int(places[place_of(values.ravel()[places])])
+            row, column = divmod(place, values.shape[1])
+            found[name] = [within_range(values[row, column]), part.x + column, part.y + row]
+    return found
 
 
 def _count(values: NDArray[Any], low: float | None, high: float | None) -> NDArray[Any]:
@@ -211,9 +256,15 @@ def _histogram(message: _Message) -> _Answer:
     return lambda pixels: histogram(pixels, region)
 
 
+def _exposed(message: _Message) -> _Answer:
+    region = parse_region(message.get('region'))
+    return lambda pixels: exposed(pixels, region)
+
+
 # What answers each word of a page, given its message.
 _ANSWERS: dict[str, Callable[[_Message], _Answer]] = {
-    'pixel': _pixel, 'profile': _profile, 'histogram': _histogram}
+    'pixel': _pixel, 'profile': _profile, 'histogram': _histogram,
+    'exposed': _exposed}
 
 
 @dataclass(frozen=True)

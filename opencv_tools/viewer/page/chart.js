@@ -14,7 +14,7 @@
 
 // Curves of numbers: of the pixels of a picture, and of a topic in the last minutes.
 
-import { age, number, rate } from './page.js';
+import { age, make, number, rate, write } from './page.js';
 
 /** @import { Chart, Status } from '../messages.js' */
 
@@ -58,6 +58,16 @@ export function showChart(element, kind, chart) {
     over > 0 && `${percent(over)} over-exposed`, under > 0 && `${percent(under)} black`,
     missing > 0 && `${percent(missing)} without ${lacking}`].filter(Boolean).join(', ');
   element.classList.toggle('over', over > 0);
+  const places = Object.entries({ smallest: chart.least, largest: chart.most });
+  const text = ([name, [value, x, y]]) => `${name} ${+value.toPrecision(6)} at ${x}, ${y}`;
+  const found = places.filter(([, at]) => at);
+  const list = element.querySelector('.buttons');
+  while (list.children.length > found.length) list.lastChild.remove();
+  found.forEach((one, place) => {
+    const button = list.children[place] ?? list.appendChild(make('button', { type: 'button' }));
+    write(button, text(one));
+    button.dataset.at = JSON.stringify(one[1].slice(1));
+  });
 }
 
 /** Curves of a topic in the last minutes, one value a second. */

@@ -36,6 +36,8 @@ export class Look {
   #output;
   #chart; // its element
   #follows = false; // the pointer over another picture
+  #exposed; // canvas that marks over-exposed pixels
+  #cells = new DOMMatrix(); // of this canvas in the image
 
   /**
    * @param {Tile} tile
@@ -49,6 +51,12 @@ export class Look {
     this.#send = send;
     this.#output = tile.element.querySelector('.pixel');
     this.#chart = tile.element.querySelector('.chart');
+    this.#exposed = tile.element.querySelector('.exposed');
+    this.#chart.addEventListener('click', ({ target }) => {
+      if (target.dataset.at) this.#point(JSON.parse(target.dataset.at), true);
+      this.#drawLine();
+      this.ask();
+    });
   }
 
   /** Use an event of a pointer; return whether it draws a line. */
@@ -71,6 +79,36 @@ export class Look {
   move() {
     if (this.#place) this.#pointAt(this.#place);
     else this.#drawLine();
+    this.#exposed.style.transform = String(this.#tile.view.matrix.multiply(this.#cells));
+  }
+
+  /** Mark over-exposed pixels, or mark them no more. */
+  toggleExposed() {
+    const button = this.#tile.element.querySelector('[data-look=exposed]');
+    button.ariaPressed = String(button.ariaPressed !== 'true');
+    this.#exposed.hidden = true; // until the answer
+    this.ask();
+  }
+
+  /** Whether over-exposed pixels are marked. */
+  get marks() {
+    return this.#tile.element.querySelector('[data-look=exposed]').ariaPressed === 'true';
+  }
+
+  /** Draw stripes over the cells of an answer. */
+  #mark({ bits, columns, step, place: [x, y] }) {
+    const bytes = Uint8Array.from(atob(bits), (one) => one.charCodeAt(0));
+    const rows = Math.floor((8 * bytes.length) / columns);
+    const image = new ImageData(columns, rows);
+    for (let cell = 0; cell < rows * columns; cell += 1) {
+      const isOver = (bytes[cell >> 3] >> (7 - (cell % 8))) & 1;
+      const isRed = ((cell % columns) + Math.floor(cell / columns)) % 4 < 2;
+      if (isOver) image.data.set([isRed ? 255 : 0, 0, 0, 255], 4 * cell);
+    }
+    Object.assign(this.#exposed, { width: columns, height: rows, hidden: false });
+    this.#exposed.getContext('2d').putImageData(image, 0, 0);
+    this.#cells = new DOMMatrix().translate(x, y).scale(step);
+    this.move();
   }
 
   #pointAt(place) {
@@ -118,7 +156,9 @@ export class Look {
     this.#drawLine();
     this.#tile.link.classList.toggle('draws', kind === 'profile');
     for (const button of this.#tile.element.querySelectorAll('.look [aria-pressed]')) {
-      button.ariaPressed = String(button.dataset.look === kind);
+      if (button.dataset.look !== 'exposed') {
+        button.ariaPressed = String(button.dataset.look === kind);
+      }
     }
   }
 
@@ -138,6 +178,7 @@ export class Look {
       return;
     }
     if (this.#cursor) this.#question('pixel', { at: this.#cursor });
+    if (this.marks) this.#question('exposed', { region: view.region });
     if (this.chart === 'histogram') this.#question('histogram', { region: view.region });
     if (this.#line) this.#question('profile', { from: this.#line[0], to: this.#line[1] });
   }
@@ -170,7 +211,10 @@ export class Look {
     const asked = this.#asked[kind];
     if (!asked) return;
     asked.waits = false;
-    if (kind === this.chart) {
+    if (kind === 'exposed') {
+      if (answer.error) this.#output.textContent = answer.error;
+      else if (this.marks) this.#mark(answer);
+    } else if (kind === this.chart) {
       showChart(this.#chart, kind, answer);
     } else if (kind === 'pixel' && this.#cursor) {
       this.#answer(answer.error ?? answer.text, JSON.parse(asked.text).at);

@@ -24,9 +24,10 @@ import { View } from './view.js';
 
 const RETRY_MS = 30000; // until the video is tried again after errors of the decoder
 const PLACE = 24; // in the head: part of the image and its size, six numbers
-const HEAD_BYTES = 48;
+const HEAD_BYTES = 48; // before stamp, number and frame_id
 const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
 const AGES = 30;
+const CLOCK = 'sv-SE'; // 24 hours; the year first
 
 /** Picture of one topic with its facts. */
 export class Tile {
@@ -47,7 +48,7 @@ export class Tile {
   #video = null;
   #askedAt = 0;
   #connected = {}; // another object after each reset
-  #drawn = { sequence: -1, stamp: 0, from: 0, at: 0, period: 0, time: '', isVideo: false };
+  #drawn = { sequence: -1, stamp: 0, origin: null, from: 0, at: 0, period: 0, time: '', isVideo: false };
   #ages = [];
   #age = NaN;
   #history;
@@ -89,6 +90,18 @@ export class Tile {
     return this.isVideo ? -1 : this.#drawn.sequence;
   }
 
+  /** Stamp, with its local date unless it is of a simulation, number and frame_id. */
+  get origin() {
+    const { stamp, origin } = this.#drawn;
+    if (this.canvas.hidden) return [];
+    const [, seconds, rest] = /^(\d*?)(\d{9})$/.exec(String(origin?.exact ?? '').padStart(10, '0'));
+    const exact = origin ? `${seconds}.${rest}` : stamp.toFixed(6);
+    const date = stamp > CLOCK_BEGINS ? ` (${new Date(stamp * 1000).toLocaleString(CLOCK)}.${
+      exact.split('.')[1].slice(0, 3)})` : '';
+    return [['Stamp', exact + date], ['Frame', [origin?.id && `frame_id ${origin.id}`,
+      origin?.number && `sequence ${origin.number}`].filter(Boolean).join(', ')]];
+  }
+
   /** Stamp of the picture in seconds. */
   get stamp() {
     return this.#drawn.stamp;
@@ -116,7 +129,8 @@ export class Tile {
    */
   needsImages(looks, isPaused) {
     this.#isLookedInto = looks
-      && (this.#isLookedInto || isPaused || Boolean(this.look.chart || this.view.region));
+      && (this.#isLookedInto || isPaused || Boolean(this.look.chart || this.look.marks
+        || this.view.region));
     return this.#isLookedInto && this.hasImages;
   }
 
@@ -183,12 +197,16 @@ export class Tile {
     const [stamp, sent] = [head.getFloat64(8), head.getFloat64(16)];
     const connected = this.#connected;
     try {
-      const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, HEAD_BYTES)],
+      const begin = HEAD_BYTES + 14 + head.getUint16(HEAD_BYTES + 12);
+      const id = new TextDecoder().decode(new Uint8Array(bytes.slice(HEAD_BYTES + 14, begin)));
+      const origin = { exact: head.getBigUint64(HEAD_BYTES),
+        number: head.getUint32(HEAD_BYTES + 8), id };
+      const picture = await createImageBitmap(new Blob([new Uint8Array(bytes, begin)],
         { type: 'image/jpeg' }));
       const sides = [picture.width, picture.height];
       const place = Array.from({ length: 6 }, (_, index) => head.getUint32(PLACE + 4 * index));
       if (connected === this.#connected) {
-        this.#show(picture, sides, { sequence, stamp, sent }, place);
+        this.#show(picture, sides, { sequence, stamp, sent, origin }, place);
       }
       picture.close();
     } catch {
@@ -200,16 +218,16 @@ export class Tile {
   }
 
   /** Draw a picture of a part of an image, unless a newer one is shown. */
-  #show(picture, sides, { sequence, stamp, sent, isVideo = false }, place) {
+  #show(picture, sides, { sequence, stamp, sent, isVideo = false, origin = null }, place) {
     if (sequence <= this.#drawn.sequence) return;
     const [width, height] = sides;
     if (this.canvas.width !== width) this.canvas.width = width;
     if (this.canvas.height !== height) this.canvas.height = height;
     this.context.drawImage(picture, 0, 0);
     this.#drawn = {
-      sequence, stamp, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
+      sequence, stamp, origin, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
       period: 1 / (this.status?.sent?.rate || Infinity),
-      time: new Date().toLocaleTimeString(), isVideo,
+      time: new Date().toLocaleTimeString(CLOCK), isVideo,
     };
     this.#ages.push(this.#drawn.at - this.#drawn.from);
     this.#ages.splice(0, this.#ages.length - AGES);
@@ -271,6 +289,7 @@ export class Tile {
         || (sent.passed_through ? 'unchanged' : `quality ${sent.quality}`),
       rate(sent.rate)].join(', ')],
       ['Zoom', hasPicture && `${Math.round(100 * this.view.scale * devicePixelRatio)} %`],
+      ...this.origin,
       ['Overlay', status.overlay],
       ['Link', status.link && `${number(status.link)} Mbit/s`],
     ];

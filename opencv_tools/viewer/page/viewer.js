@@ -30,7 +30,7 @@ const NOTICE_MS = 8000;
 const ZOOM = 1.5; // of a press of a button
 // The parts of a tile that use messages, by kind.
 const RECEIVERS = {
-  pixel: 'look', profile: 'look', histogram: 'look', boxes: 'overlay', camera: 'overlay',
+  pixel: 'look', profile: 'look', histogram: 'look', exposed: 'look', boxes: 'overlay', camera: 'overlay',
 };
 
 const turnedFiles = new Set(); // topics whose pictures are saved as they are shown
@@ -206,6 +206,11 @@ const LOOKS = {
   one: ({ view }) => view.zoom(1 / devicePixelRatio),
   profile: (tile) => tile.look.toggle('profile'),
   histogram: (tile) => tile.look.toggle('histogram'),
+  exposed: (tile) => tile.look.toggleExposed(),
+  copy: (tile) => {
+    const text = [tile.name, ...tile.origin.map(([, one]) => one)].filter(Boolean).join(', ');
+    notify(copyText(text) ? `Copied ${text}` : `Copy this: ${text}`);
+  },
   overlays: () => overlays.toggle(),
   turn: (tile) => arrangement.turn(tile.name),
   flip: (tile) => arrangement.turn(tile.name, true),

@@ -149,11 +149,13 @@ class NewFrame:
     :param number: number of the frame in its feed, from 1.
     :param message: the message, a view of the bytes of the middleware.
     :param receive_ns: time of reception in nanoseconds of the system clock.
+    :param sequence: number of the message from its publisher; 0 if unknown.
     """
 
     number: int
     message: WireMessage
     receive_ns: int
+    sequence: int = 0
 
     @property
     def stamp(self) -> float:
@@ -259,7 +261,8 @@ class Feed:
     def _add(self, received: ReceivedMessage) -> None:
         """Replace the newest frame."""
         received = self.keep(received)
-        self.newest = NewFrame(self.frames + 1, received.image, received.receive_ns)
+        self.newest = NewFrame(
+            self.frames + 1, received.image, received.receive_ns, received.number)
 
     def _count_arrival(self) -> None:
         self._meter.add()

@@ -229,7 +229,8 @@ class PageSocket(SocketHandler):
         ) if video else Channel(
             stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
                 stream.number, self._overlays.send(name, frame, sequence), frame.stamp,
-                time.time(), (*picture.region.values, *picture.source_size), picture.data)),
+                time.time(), (*picture.region.values, *picture.source_size), picture.data,
+                origin=(frame.stamp_ns, frame.sequence, frame.message.header.frame_id))),
             partial(self._overlays.newest, name))
         return None
 

@@ -715,7 +715,8 @@ def test_warning_for_each_new_reason(
     other = camera.create_publisher(Image, '/camera/image_raw', RELIABLE)
     spin_until(node, lambda: logged('receive one with -r video_frames:=/camera/image_raw'))
     publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
-    spin_until(node, lambda: logged('no frame arrives from the publisher of /video_frames (node /front/camera); '))
+    spin_until(node, lambda: logged(
+        'no frame arrives from the publisher of /video_frames (node /front/camera); '))
     spin_polls(node, subscription, 2)  # no repetition meanwhile
     publish_until(node, publisher, image, lambda: logged('Frames arrive on /video_frames'))
     console += capfd.readouterr().err

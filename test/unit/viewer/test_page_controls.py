@@ -35,6 +35,9 @@ VIEWER, ROBOT = (ROOT / 'opencv_tools' / folder / 'page' for folder in ('viewer'
 PAGE = ''
 TILE = 'browser/test_page_buttons.py::test_tile_beside_another_one'
 ORDER = 'browser/test_page_buttons.py::test_one_of_three_tiles'
+TURNED = 'browser/test_page_buttons.py::test_turned_picture_that_is_saved'
+ORIGIN = 'browser/test_page_look.py::test_origin_of_a_picture'
+PLACES = 'browser/test_page_look.py::test_places_of_extremes_and_over_exposed_pixels'
 FILE = 'browser/test_page_buttons.py::test_picture_that_is_saved'
 STEP = 'nodes/test_viewer_http.py::test_file_of_the_displayed_picture'
 CAMERA = 'nodes/test_viewer_control.py::test_one_of_two_cameras'
@@ -53,12 +56,13 @@ CONTROLS = {
     VIEWER / 'index.html': {
         **dict.fromkeys(('back', 'previous', 'next', 'search', 'size', 'beside', 'pause', 'full',
                          'show-robot', 'link', 'plain-link', 'unhide'), PAGE),
-        'earlier': STEP, 'later': STEP, 'save': FILE, 'record': STOP, 'keep': KEPT,
+        'earlier': STEP, 'later': STEP, 'save': FILE, 'save-turned': TURNED, 'record': STOP, 'keep': KEPT,
         'rectified': RECTIFIED, 'calibrate': SESSION,
         **dict.fromkeys(('automatic', 'low', 'high', 'colors'), RANGE),
         **dict.fromkeys(('boxes', 'center', 'outline', 'grid', 'cross', 'look overlays'), BOTH),
         **dict.fromkeys(('look out', 'look in', 'look fit', 'look one', 'look turn', 'look flip',
-                         'look profile', 'look histogram'), TILE),
+                         'look profile', 'look histogram', 'look exposed'), TILE),
+        'look copy': ORIGIN,
         **dict.fromkeys(('arrange pin', 'arrange earlier', 'arrange later', 'arrange hide'),
                         ORDER)},
     VIEWER / 'calibrate.html': {
@@ -74,7 +78,7 @@ CONTROLS = {
 
 #: Buttons that scripts create, in their order.
 CREATED = {'settings.js': [CAMERA, RECORDER],  # Start camera and Stop camera; recorders
-           'calibrate_panel.js': [VIEW],
+           'calibrate_panel.js': [VIEW], 'chart.js': [PLACES],
            'panel.js': [PAGE, PAGE, PAGE]}
 
 #: Words of the messages that act on other nodes or on the disk.

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from base64 import b64decode
 import json
 
 from images import random_image
@@ -26,7 +27,7 @@ from opencv_tools.image.errors import CodecError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import convert_image, encode_image
 from opencv_tools.viewer.inspect.looks import (
-    BINS, describe_pixel, histogram, line_profile, MAX_SAMPLES)
+    BINS, describe_pixel, exposed, histogram, line_profile, MAX_SAMPLES)
 from opencv_tools.viewer.region import Region
 from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
 import pytest
@@ -145,6 +146,39 @@ def test_histogram_of_a_region_and_its_exposure() -> None:
         assert curve[place] == (1 if place == 0 else 0.5)
     part = histogram(pixels_of(image, 'bgr8'), Region(x=320, y=0, width=10, height=10))
     assert (part['over'], part['under']) == (1, 0)
+
+
+@pytest.mark.parametrize(('encoding', 'dtype'), [
+    ('mono8', np.uint8), ('mono16', np.uint16), ('32FC1', np.float32), ('bgr8', np.uint8)])
+def test_places_of_the_extremes(encoding: str, dtype: type) -> None:
+    image = np.full((480, 1280, 3) if encoding == 'bgr8' else (480, 1280), 100, dtype)
+    image[7, 1279], image[479, 3] = 201, 5
+    image[9, 9] = np.nan if dtype is np.float32 else 100
+    chart = histogram(pixels_of(image, encoding), None)
+    assert (chart['least'], chart['most']) == ([5, 3, 479], [201, 1279, 7])
+    part = histogram(pixels_of(image, encoding), Region(x=1000, y=0, width=280, height=40))
+    assert part['most'] == [201, 1279, 7] and part['least'][0] == 100
+    nothing = histogram(pixels_of(np.full((2, 2), np.nan, np.float32), '32FC1'), None)
+    assert 'least' not in nothing
+
+
+@pytest.mark.parametrize(('width', 'height'), [(1, 1), (320, 240), (641, 479), (3840, 2)])
+def test_each_over_exposed_pixel_is_in_a_cell(width: int, height: int) -> None:
+    image = np.zeros((height, width), np.uint8)
+    image[0, width // 2], image[height - 1, width - 1] = 254, 255
+    found = exposed(pixels_of(image, 'mono8'), None)
+    cells = np.unpackbits(np.frombuffer(b64decode(found['bits']), np.uint8))
+    place, = np.flatnonzero(cells)
+    row, column = divmod(int(place), found['columns'])
+    assert (column, row) == ((width - 1) // found['step'], (height - 1) // found['step'])
+    assert found['columns'] <= 320
+    part = exposed(pixels_of(image, 'mono8'), Region(x=0, y=0, width=1, height=1))
+    assert part['place'] == [0, 0]
+
+
+def test_floats_are_not_over_exposed() -> None:
+    with pytest.raises(CodecError, match='32FC1 has no largest value'):
+        exposed(pixels_of(np.zeros((2, 2), np.float32), '32FC1'), None)
 
 
 def test_histogram_of_floats() -> None:

@@ -64,9 +64,11 @@ def test_end_of_a_transport(name: str, base: str) -> None:
 
 
 def test_frame_has_a_head_of_48_bytes() -> None:
-    message = pack_frame(7, 2**32 + 5, 12.25, 13.5, PLACE, b'JPEG')
+    message = pack_frame(7, 2**32 + 5, 12.25, 13.5, PLACE, b'JPEG',
+                         origin=(2**33 + 1, 2**32 + 6, 'cam'))
     assert message.hex() == '00000007' '00000005' '4028800000000000' '402b000000000000' + (
-        '00000002' '00000004' '00000140' '000000f0' '00000280' '000001e0') + b'JPEG'.hex()
+        '00000002' '00000004' '00000140' '000000f0' '00000280' '000001e0'
+        '0000000200000001' '00000006' '0003') + b'camJPEG'.hex()
     assert unpack_frame(message) == (7, 5, 12.25, 13.5, PLACE, b'JPEG')
 
 
