@@ -20,6 +20,7 @@ export interface Hello {
   host: string;
   control: boolean;
   widths: number[];
+  download: boolean;
   video: string;
   token: string;
 }
@@ -164,6 +165,7 @@ export interface Done {
 export interface Account {
   phase: string;
   keeps?: boolean;
+  folder?: string;
   topics?: string[];
   since?: number;
   seconds?: number;

@@ -83,6 +83,8 @@ class ViewerSettings(NodeSettings):
     record_dir: str = parameter(
         '', 'Folder of the bags that a page with control records, created if it does not exist; '
         'empty for no recordings')
+    record_download: bool = parameter(
+        True, 'Whether a page can download the bag that it has recorded last')
 
     def __post_init__(self) -> None:
         """

@@ -48,7 +48,7 @@ from opencv_tools.viewer.robot.routes import robot_routes, with_robot_page
 from opencv_tools.viewer.web.page_files import read_page
 from opencv_tools.viewer.web.page_socket import PageSocket
 from opencv_tools.viewer.web.web import (
-    FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
+    BagHandler, FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
 from opencv_tools.viewer.web.web_video_server import (
     SnapshotHandler, StreamHandler, StreamViewerHandler)
 from tornado.netutil import bind_sockets
@@ -192,6 +192,7 @@ def _application(site: Site, **settings: Any) -> Application:
         ('/ws', PageSocket, keywords),
         ('/topics', TopicsHandler, keywords),
         ('/healthz', HealthHandler, keywords),
+        ('/bag', BagHandler, keywords),
         ('/snapshot', SnapshotHandler, keywords),
         ('/stream', StreamHandler, keywords),
         ('/stream_viewer', StreamViewerHandler, keywords),

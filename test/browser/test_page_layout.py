@@ -237,7 +237,7 @@ def test_names_of_sixty_tiles(
             shown = page.evaluate(_NAMES)
             assert len({*shown}) == 60 and '' not in shown, (width, size)
             assert (shown[0], shown[-1]) == (first, last)
-    assert page.evaluate('tileOf(%r).querySelector(".name").title' % names[7]) == names[7]
+    assert page.evaluate(f'tileOf({names[7]!r}).querySelector(".name").title') == names[7]
 
 
 def test_long_names_without_what_they_have_in_common(

@@ -112,7 +112,7 @@ def test_grid_by_pointer_and_second_page(
     click(page, RECORD)
     page.wait_for(IS_ON)
     assert page.evaluate('spoken') == ['The recording has begun']
-    assert page.evaluate(f'{RECORD}.textContent.trim()') == 'Record'  # its state is not its name
+    assert page.evaluate(f'{RECORD}.textContent.trim()') == 'Stop'
     other = browser.new_page(f'{recorder.url}&topic=/rear')
     other.wait_for(IS_ON)
     page.wait_for(f'{ACCOUNT}.includes(", 0 frames, 0 lost, 0 dropped, 0 kB, ")')
@@ -238,11 +238,63 @@ def test_node_that_is_killed(
     assert not page.evaluate(sentence)
     viewer.process.kill()
     page.wait_for(f'{RECORD}.disabled && {ACCOUNT}.startsWith("No connection: ")')
+    page.wait_for('document.getElementById("controls").inert')
+    muted, shown = page.evaluate('["state", "recording"].map('
+                                 '(id) => getComputedStyle(document.getElementById(id)).color)')
+    assert shown == muted
     token = parse_qs(urlsplit(viewer.url).query)['token'][0]
     start_viewer(control=True, record_dir=folder, port=viewer.port, token=token)
     page.wait_for(f'{IS_OFF} && !{RECORD}.disabled && {sentence}')
     assert page.evaluate('document.getElementById("recording").hidden')
     assert page.evaluate(f'{RECORD}.checkVisibility()')
+
+
+def test_chosen_topics_and_download(
+        recorder: Viewer, browser: Browser, node: Node, folder: Path, tmp_path: Path) -> None:
+    cameras = {name: Camera(node, name) for name in ('/a', '/b', '/c')}
+    page = browser.new_page(recorder.url)
+    page.wait_for(f'tileOf("/c") && {RECORD}.checkVisibility()')
+    assert page.evaluate(f'{RECORD}.textContent.trim()') == 'Record'
+    page.evaluate('document.getElementById("choose").click()')
+    boxes = '[...document.querySelectorAll("#choices input")]'
+    assert page.evaluate(f'{boxes}.map((one) => one.checked)') == [True] * 3
+    page.evaluate(f'{boxes}[1].click()')
+    page.evaluate('document.getElementById("record-chosen").click()')
+    page.wait_for(IS_ON)
+    for name in ('/a', '/c'):
+        publish_recorded(cameras[name], 5)
+    page.wait_for(f'{ACCOUNT}.includes("Recording 2 topics, ") && '
+                  f'{ACCOUNT}.includes(", 2 frames, ")')
+    click(page, RECORD)
+    page.wait_for(IS_OFF)
+    (bag,) = recorded_files(folder)
+    page.wait_for(f'{ACCOUNT}.endsWith({str(bag)!r})')
+    browser.call('Browser.setDownloadBehavior', behavior='allow', downloadPath=str(tmp_path))
+    page.evaluate('document.getElementById("bag").click()')
+    wait_until(lambda: (tmp_path / bag.name).is_file())
+    assert (tmp_path / bag.name).read_bytes() == bag.read_bytes()
+    assert {*images_in(tmp_path / bag.name)} == {'/a', '/c'}
+    for name in ('../secret', 'other.mcap'):
+        assert page.evaluate(f'fetch("/bag?name={name}").then((one) => one.status)') == 404
+    check_all(page)
+    page.evaluate('document.getElementById("forget").click()')
+    assert not page.evaluate('document.getElementById("recorded").innerText.trim()')
+
+
+def test_download_that_is_not_allowed(
+        start_viewer: Callable[..., Viewer], browser: Browser, node: Node, folder: Path) -> None:
+    camera = Camera(node, '/front')
+    page = browser.new_page(start_viewer(
+        control=True, record_dir=folder, record_download=False).url)
+    page.wait_for(f'tileOf("/front") && {RECORD}.checkVisibility()')
+    click(page, RECORD)
+    page.wait_for(IS_ON)
+    publish_recorded(camera, 5)
+    click(page, RECORD)
+    page.wait_for(f'{IS_OFF} && {ACCOUNT}.startsWith("Recorded ")')
+    (bag,) = recorded_files(folder)
+    assert page.evaluate('document.getElementById("bag").hidden')
+    assert page.evaluate(f'fetch("/bag?name={bag.name}").then((one) => one.status)') == 403
 
 
 def test_no_button_by_default(viewer: Viewer, browser: Browser, node: Node) -> None:

@@ -14,7 +14,7 @@
 
 // Frames that the node keeps: steps through them, and their recording.
 
-import { age, number, part } from './page.js';
+import { age, make, number, part } from './page.js';
 
 /**
  * @import { Account, Answer, Request, StepAnswer } from '../messages.js'
@@ -91,10 +91,11 @@ const amount = (bytes) => (bytes < 1e6 ? `${number(bytes / 1e3)} kB`
   : bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`);
 
 /** Return an account as text. @param {Account} account */
-function describe({ topics, seconds, frames, lost, dropped, failed, bytes, left, name }) {
+function describe(account) {
+  const { topics, seconds, frames, lost, dropped, failed, bytes, left, name, folder } = account;
   return [`${topics.length} ${topics.length > 1 ? 'topics' : 'topic'}`, age(seconds),
     `${frames} frames`, `${lost} lost`, `${dropped} dropped`, failed && `${failed} failed`,
-    amount(bytes), left !== null && `${amount(left)} left`, name].filter(Boolean).join(', ');
+    amount(bytes), left !== null && `${amount(left)} left`, name && `${folder}/${name}`].filter(Boolean).join(', ');
 }
 
 /** The buttons that record, and the account of the recording, which all pages show. */
@@ -102,36 +103,52 @@ export class Recording {
   /** @type {Account} */
   #state = { phase: '' };
   #onChange;
+  #allowsDownload = false;
   #wasOn = false; // as the node has said last, maybe over another connection
   #isSeen = false; // by this page, so that the account stays after the end
 
   /**
    * @param {Send} send sends a message to the server.
-   * @param {() => number[]} topics returns the numbers of the topics that are shown.
+   * @param {() => { id: number, name: string, isShown: boolean }[]} topics returns the topics.
    * @param {(sentence: string) => void} onChange called with a sentence after a request, and with
    *   '' at another change.
    */
   constructor(send, topics, onChange) {
+    const shown = () => topics().filter(({ isShown }) => isShown).map(({ id }) => id);
     this.#onChange = onChange;
     part('record').addEventListener('click', () => {
-      send({ record: this.#state.phase === '' && topics(), since: this.#state.since });
+      send({ record: this.#state.phase === '' && shown(), since: this.#state.since });
     });
-    part('keep').addEventListener('click', () => send({ keep: topics() }));
+    part('keep').addEventListener('click', () => send({ keep: shown() }));
+    part('choice').addEventListener('beforetoggle', () => {
+      part('choices').replaceChildren(...topics().map(({ id, name, isShown }) => make('label', {},
+        make('input', { type: 'checkbox', value: id, checked: isShown }), ` ${name}`)));
+    });
+    part('record-chosen').addEventListener('click', () => {
+      const chosen = [...part('choices').querySelectorAll(':checked')];
+      send({ record: chosen.map(({ value }) => Number(value)), since: this.#state.since });
+      part('choice').hidePopover();
+    });
+    part('forget').addEventListener('click', () => {
+      this.#isSeen = false;
+      this.#show(this.#state);
+    });
   }
 
   get isOn() {
     return this.#state.phase !== '';
   }
 
-  /** Begin a connection to a node that may not record. */
-  enable() {
+  /** Begin a connection to a node that may not record. @param {boolean} allowsDownload */
+  enable(allowsDownload) {
+    this.#allowsDownload = allowsDownload;
     this.#show({ phase: '' });
-    part('record').hidden = part('record-key').hidden = true;
+    part('record').hidden = part('choose').hidden = part('record-key').hidden = true;
   }
 
   /** Say that the state is not known, as the connection is lost. */
   lose() {
-    part('record').disabled = part('keep').disabled = true;
+    part('record').disabled = part('keep').disabled = part('choose').disabled = true;
     if (this.isOn) part('recording').textContent = 'No connection: nobody knows whether it records';
   }
 
@@ -154,10 +171,15 @@ export class Recording {
     this.#isSeen ||= this.isOn;
     const verb = this.isOn ? 'Recording' : 'Recorded';
     part('record').hidden = part('record-key').hidden = false;
+    part('record').querySelector('span').textContent = this.isOn ? 'Stop' : 'Record';
+    part('choose').hidden = this.isOn;
     part('keep').hidden = !state.keeps;
-    part('record').disabled = part('keep').disabled = false;
+    part('record').disabled = part('keep').disabled = part('choose').disabled = false;
     part('record').ariaPressed = this.isOn;
     part('recording').hidden = !this.#isSeen || !state.topics;
+    part('forget').hidden = part('recording').hidden || this.isOn;
+    part('bag').hidden = part('forget').hidden || !this.#allowsDownload || !state.name;
+    part('bag').href = `/bag?name=${encodeURIComponent(state.name ?? '')}`;
     if (state.topics) part('recording').textContent = `${verb} ${describe(state)}`;
     part('recording').append(state.problem ? `: ${state.problem}` : '');
     if (wasOn !== this.isOn) this.#onChange('');

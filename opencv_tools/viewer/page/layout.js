@@ -146,6 +146,8 @@ export class Layout {
     const { range, overlays, controls } = this.#page;
     const { mood } = connection;
     const present = mood === 'live' && isPaused ? 'paused' : mood;
+    document.body.dataset.mood = present;
+    part('controls').inert = mood === 'lost';
     showState(present, node.host ? 'Reconnecting' : 'Connecting');
     part('empty').hidden = tiles.size > 0 || robot.isShown || mood === 'lost';
     for (const tile of tiles.values()) tile.show(present);

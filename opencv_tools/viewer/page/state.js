@@ -71,7 +71,7 @@ export function copyText(text) {
 /** What the node says of itself, and what the page shows of it. */
 export class State {
   /** @type {Hello} */
-  node = { host: '', token: '', widths: [], video: 'never', control: false };
+  node = { host: '', token: '', widths: [], download: false, video: 'never', control: false };
   selected = topicOfAddress(); // the topic that is shown alone; '' for all topics
   isPaused = false;
   /** @type {Record<string, number | boolean>} */

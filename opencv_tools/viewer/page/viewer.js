@@ -48,7 +48,7 @@ const connection = new Connection({
     for (const tile of tiles.values()) tile.reset();
     steps.reset();
     controls.enable(hello.control);
-    recording.enable();
+    recording.enable(hello.download);
     notify(explainLimits(given.get('range')));
     layOut();
   },
@@ -71,7 +71,8 @@ const page = {
   state, connection, arrangement, notify, select,
   range: new RangeForm(change), overlays: new OverlayForm(layOut), robot: new Robot(layOut),
   controls: new Controls(part('controls'), send, notify), steps: new Steps(send),
-  recording: new Recording(send, () => tiles.shown.map((tile) => tile.topic?.id).filter(Boolean),
+  recording: new Recording(send, () => [...tiles.values()].filter((tile) => tile.topic).map(
+    ({ topic: { id }, name, element }) => ({ id, name, isShown: !element.hidden })),
     (sentence) => {
       if (sentence) notify(sentence);
       layOut();

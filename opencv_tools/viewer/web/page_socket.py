@@ -80,6 +80,7 @@ class PageSocket(SocketHandler):
         hub = self.site.hub
         self._post({'hello': {
             'host': socket.gethostname(), 'control': hub.settings.control, 'widths': WIDTHS,
+            'download': hub.settings.record_download,
             'video': hub.settings.shown_video, 'token': self.site.access.token}})
         for name, value in hub.state.lists().items():
             self._post({name: value})

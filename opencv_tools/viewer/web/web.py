@@ -21,12 +21,14 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 import json
+from pathlib import Path
 from typing import Any
 
 from opencv_tools.base.logs import Log
 from opencv_tools.base.sending import SendingHandler
 from opencv_tools.base.text import printable
 from opencv_tools.viewer.access import Access, check_origin, is_same_origin
+from opencv_tools.viewer.control import CameraControl, recorder_of
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.overlays.page_overlays import PageOverlays
@@ -261,6 +263,25 @@ class TopicsHandler(SiteHandler):
         await self.site.hub.refresh()
         self.finish({'node': self.site.node, 'topics': self.site.hub.full_json(),
                      'more': self.site.hub.state.more})
+
+
+class BagHandler(SiteHandler):
+    """The bag of the last recording."""
+
+    async def get(self) -> None:
+        """Write the file, if the node allows it."""
+        hub = self.site.hub
+        if not hub.settings.record_download:
+            raise RequestError('start the node with record_download:=true to download bags', 403)
+        name = self.get_query_argument('name', '')
+
+        async def find(control: CameraControl) -> dict[str, Any]:
+            return {'path': recorder_of(control).finished(name)}
+
+        path: Path = (await hub.control(find))['path'].resolve()
+        self.set_header('Content-Type', 'application/octet-stream')
+        self.set_header('Content-Disposition', f'attachment; filename="{path.name}"')
+        await self.send_file(path, path.stat().st_size)
 
 
 class HealthHandler(SiteHandler):

@@ -38,6 +38,7 @@ ORDER = 'browser/test_page_buttons.py::test_one_of_three_tiles'
 TURNED = 'browser/test_page_buttons.py::test_turned_picture_that_is_saved'
 ORIGIN = 'browser/test_page_look.py::test_origin_of_a_picture'
 PLACES = 'browser/test_page_look.py::test_places_of_extremes_and_over_exposed_pixels'
+CHOSEN = 'browser/test_page_record.py::test_chosen_topics_and_download'
 FILE = 'browser/test_page_buttons.py::test_picture_that_is_saved'
 STEP = 'nodes/test_viewer_http.py::test_file_of_the_displayed_picture'
 CAMERA = 'nodes/test_viewer_control.py::test_one_of_two_cameras'
@@ -56,7 +57,9 @@ CONTROLS = {
     VIEWER / 'index.html': {
         **dict.fromkeys(('back', 'previous', 'next', 'search', 'size', 'beside', 'pause', 'full',
                          'show-robot', 'link', 'plain-link', 'unhide'), PAGE),
-        'earlier': STEP, 'later': STEP, 'save': FILE, 'save-turned': TURNED, 'record': STOP, 'keep': KEPT,
+        'earlier': STEP, 'later': STEP, 'save': FILE, 'save-turned': TURNED, 'record': STOP,
+        'keep': KEPT, 'bag': CHOSEN, 'record-chosen': CHOSEN,
+        **dict.fromkeys(('choose', 'forget'), PAGE),
         'rectified': RECTIFIED, 'calibrate': SESSION,
         **dict.fromkeys(('automatic', 'low', 'high', 'colors'), RANGE),
         **dict.fromkeys(('boxes', 'center', 'outline', 'grid', 'cross', 'look overlays'), BOTH),
