@@ -30,6 +30,7 @@ from opencv_tools.viewer.control import CameraControl
 from opencv_tools.viewer.errors import ViewerError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph
+from opencv_tools.viewer.node_table import list_graph
 from opencv_tools.viewer.parameters import PARAMETERS, ViewerSettings
 from opencv_tools.viewer.recording.page_recorder import PageRecorder
 
@@ -117,6 +118,8 @@ def main(args: Sequence[str] | None = None) -> int:
     :param args: command line, program name first; None for the command line of the process.
     :returns: 0 on success, 1 if the server cannot start, 2 for invalid parameters or arguments.
     """
+    if '--list' in (words := sys.argv if args is None else args):
+        return list_graph(words)
     return run(EXECUTABLE, lambda _: ImageViewer(), args, failures=(RecordingError, ViewerError))
 
 

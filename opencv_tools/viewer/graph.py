@@ -142,7 +142,8 @@ class Graph:
         :param transport: ``auto``, ``raw`` or ``compressed``; auto prefers compressed images.
         :param control: control of other nodes, if it is allowed.
         """
-        self._node = node
+        #: Node of the subscriptions.
+        self.node = node
         self._patterns = patterns
         is_depth = transport == COMPRESSED_DEPTH
         self._transport = 'compressed' if is_depth else transport
@@ -174,7 +175,7 @@ class Graph:
             ) if transport == PACKETS else SubscriptionOptions(
                 transport=transport, depth=_DEPTH, prefers_compressed=True)
             subscription = FrameSubscription(
-                self._node, name, self._log, feed.put, feed.count_broken, options)
+                self.node, name, self._log, feed.put, feed.count_broken, options)
             self._open[key] = feed, subscription
             subscription.start()
 
@@ -226,7 +227,7 @@ class Graph:
         """Yield the names of the published image topics, without and with their ends."""
         types_shown = {name for name, transport in _TRANSPORTS.items()
                        if self._transport in ('auto', transport)}
-        for name in image_topics(self._node, types_shown):
+        for name in image_topics(self.node, types_shown):
             base = base_name(name)
             if (name.endswith(self._ending) and not name.endswith(_OTHER_TRANSPORTS)
                     and self._is_wanted(base)):
@@ -252,7 +253,7 @@ class Graph:
     def _add_publishers(self, found: dict[str, ViewTopic], base: str, name: str) -> None:
         """Add the publishers of a raw, compressed or video topic to the image topic."""
         count = 0
-        for info in self._node.get_publishers_info_by_topic(name):
+        for info in self.node.get_publishers_info_by_topic(name):
             transport = _TRANSPORTS.get(info.topic_type)
             if transport is None or self._transport not in ('auto', transport) or (
                     name.endswith(VIDEOS) and transport != 'video'):

@@ -30,6 +30,7 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 from opencv_tools.viewer.graph import Graph, GraphState, open_again, ViewTopic
 from opencv_tools.viewer.inspect.history import History
+from opencv_tools.viewer.node_table import read_graph
 from opencv_tools.viewer.parameters import ViewerSettings
 from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams.feed import Feed, FeedKey
@@ -204,6 +205,16 @@ class Hub:
             raise RequestError('control is off: start the node with control:=true', 403)
         answer: dict[str, Any] = await _ask(partial(self._calls.start, choose(control)))
         return answer
+
+    async def node_table(self) -> dict[str, Any]:
+        """
+        Return the nodes and topics of the graph.
+
+        :raises RequestError: the executor is busy.
+        """
+        read = partial(self._calls.call, partial(read_graph, self._graph.node))
+        table: dict[str, Any] = await _answer(_ask(read))
+        return table
 
     def full_json(self) -> list[dict[str, Any]]:
         """Return the list of topics with the state of those that somebody looks at."""

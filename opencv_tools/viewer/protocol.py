@@ -88,27 +88,26 @@ class ViewRequest:
 
 
 def pack_frame(
-    topic: int, sequence: int, stamp: float, sent: float, place: tuple[int, ...], picture: bytes,
-    *, origin: tuple[int, int, str] = (0, 0, ''),
+    topic: int, sequence: int, origin: tuple[int, int, str], sent: float,
+    place: tuple[int, ...], picture: bytes,
 ) -> bytes:
     """
     Return the binary message of a picture.
 
     :param sequence: number of the message, which the page answers.
-    :param stamp: stamp of the frame in seconds.
+    :param origin: stamp in nanoseconds, number from the publisher or 0, and ``frame_id``.
     :param sent: time of sending in seconds of the system clock.
     :param place: column, row, width and height of the part that is shown, and size of the image.
-    :param origin: stamp in nanoseconds, number from the publisher or 0, and ``frame_id``.
     """
     stamp_ns, number, frame_id = origin
     text = printable(frame_id).encode()
     return b''.join((
-        _HEAD.pack(topic, sequence % 2**32, stamp, sent), _PLACE.pack(*place),
+        _HEAD.pack(topic, sequence % 2**32, stamp_ns / 10**9, sent), _PLACE.pack(*place),
         _ORIGIN.pack(max(0, stamp_ns), number % 2**32, len(text)), text, picture))
 
 
 def unpack_frame(message: bytes) -> tuple[int, int, float, float, tuple[int, ...], bytes]:
-    """Return the arguments of ``pack_frame`` from a binary message, without the origin."""
+    """Return the arguments of ``pack_frame``, with the stamp in seconds alone as origin."""
     begin = _HEAD.size + _PLACE.size
     *_, length = _ORIGIN.unpack_from(message, begin)
     return (*_HEAD.unpack_from(message), _PLACE.unpack_from(message, _HEAD.size),

@@ -48,7 +48,8 @@ from opencv_tools.viewer.robot.routes import robot_routes, with_robot_page
 from opencv_tools.viewer.web.page_files import read_page
 from opencv_tools.viewer.web.page_socket import PageSocket
 from opencv_tools.viewer.web.web import (
-    BagHandler, FileHandler, HealthHandler, IndexHandler, Site, TopicsHandler, UnknownHandler)
+    BagHandler, FileHandler, GraphDataHandler, GraphHandler, HealthHandler,
+    IndexHandler, Site, TopicsHandler, UnknownHandler)
 from opencv_tools.viewer.web.web_video_server import (
     SnapshotHandler, StreamHandler, StreamViewerHandler)
 from tornado.netutil import bind_sockets
@@ -193,6 +194,8 @@ def _application(site: Site, **settings: Any) -> Application:
         ('/topics', TopicsHandler, keywords),
         ('/healthz', HealthHandler, keywords),
         ('/bag', BagHandler, keywords),
+        ('/graph', GraphHandler, keywords),
+        ('/graph.json', GraphDataHandler, keywords),
         ('/snapshot', SnapshotHandler, keywords),
         ('/stream', StreamHandler, keywords),
         ('/stream_viewer', StreamViewerHandler, keywords),

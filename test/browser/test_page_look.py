@@ -457,7 +457,7 @@ def test_cursor_and_region_of_a_closed_connection(
 def chart_of(topic: str) -> str:
     """Return the JavaScript of the chart of a topic; '' if it is not seen."""
     return (f'(({{ offsetHeight, innerText }}) => offsetHeight ? innerText.trim() : "")('
-            f'tileOf({topic!r}).querySelector(".chart"))')
+            f'tileOf({topic!r}).querySelector(".chart .hint"))')
 
 
 def test_charts_of_two_topics(viewer: Viewer, browser: Browser, camera: Node) -> None:

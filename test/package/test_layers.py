@@ -136,8 +136,9 @@ PROGRAMS = ('opencv_tools.nodes.publisher', 'opencv_tools.nodes.subscriber')
 #: Floors of the rooms of the viewer, from the top down. A room imports only those below its own.
 VIEWER = (
     ('server',), ('calibrate', 'robot'), ('web',), ('hub',), ('graph',), ('inspect', 'overlays'),
-    ('streams', 'control', 'robot_topics', 'parameters'), ('protocol', 'recording', 'access'),
-    ('executor_calls', 'certificate'), ('region', 'errors', 'watched'))
+    ('streams', 'node_table', 'parameters'), ('control', 'robot_topics'),
+    ('protocol', 'recording', 'access'), ('executor_calls', 'certificate'),
+    ('region', 'errors', 'watched'))
 #: What the modules of a package must not import, although ALLOWED names a package around it.
 FORBIDDEN = {
     'opencv_tools.frames': PROGRAMS, 'opencv_tools.nodes': PROGRAMS,

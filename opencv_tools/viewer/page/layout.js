@@ -22,6 +22,8 @@ const GAP = 16; // pixels between tiles
 const CAPTION = 60; // pixels of the texts below a picture
 const LEAST_TILE = 280; // width in pixels
 const SAY_MS = 5000;
+const MORE_TOOLS = ['choose', 'full', 'calibrate', 'link', 'plain-link']; // beside a picture
+const PHONE = 700; // pixels of a width, as in viewer.css
 const LONG = 48; // characters of a title
 
 /**
@@ -49,6 +51,7 @@ export class Layout {
   #page;
   #said = { tile: undefined, isQuiet: false, at: 0 }; // to screen readers
   #cameras = part('cameras');
+  #panel = part('panel'); // in the tile that is shown alone, or beside the tiles
 
   /**
    * @param {import('./viewer.js').Page} page
@@ -117,6 +120,10 @@ export class Layout {
       tile.view.turn(arrangement.turned(name));
       tile.element.querySelector('[data-arrange=pin]').ariaPressed = arrangement.has('pin', name);
     }
+    const home = pair && !pair[1] ? tiles.get(pair[0])?.element.querySelector('.side') : null;
+    const place = home ?? part('content');
+    if (this.#panel.parentElement !== place) place.append(this.#panel);
+    part(pair ? 'more-tools' : 'tools').append(...MORE_TOOLS.map(part));
     part('none').hidden = !tiles.size || listed.length > 0;
   }
 
@@ -181,12 +188,14 @@ export class Layout {
     const ratio = one?.view.ratio || (ratios[ratios.length >> 1] ?? 16 / 9);
     const below = document.querySelector('footer').offsetHeight + part('more').offsetHeight + GAP;
     const height = innerHeight - part('content').offsetTop - GAP - below;
-    const { clientWidth } = this.#cameras;
+    const single = one && count === 1 && innerWidth > PHONE ? one.element.querySelector('.look') : null;
+    const { clientWidth } = single ?? this.#cameras; // without the panel
     // Only the texts of a single picture are off an upright screen.
     const scrolls = count === 1 && innerWidth < innerHeight && clientWidth / ratio < height;
     const captions = shown.map((tile) => tile.element.offsetHeight - tile.link.offsetHeight);
     const caption = !one ? Math.max(CAPTION, ...captions)
-      : scrolls ? 0 : one.element.offsetHeight - one.link.offsetHeight;
+      : scrolls ? 0 : single ? single.offsetHeight + single.nextElementSibling.offsetHeight
+        : one.element.offsetHeight - one.link.offsetHeight;
     const { columns, tile } = fit(count, clientWidth, size && !one ? 0 : height, caption, ratio,
       one && count === 1 ? 1 : (!one && size) || LEAST_TILE);
     this.#cameras.style.setProperty('--ratio', ratio);

@@ -243,13 +243,14 @@ const ALL_KEYS = {
   p: () => rearrange('pin', focused()),
   h: () => rearrange('hide', focused()),
   c: () => pressOf('c')?.(),
+  '?': () => part('help').click(),
 };
 
 /** Return the press of the button of a key, for the picture that is shown alone. */
 function pressOf(key) {
   const name = CSS.escape({ ' ': 'Space', '+': 'Plus' }[key] ?? key);
   const button = /** @type {HTMLElement} */ (document.querySelector(
-    `:is(header, .tile:not([hidden])) [aria-keyshortcuts="${name}" i]:not([hidden])`));
+    `:is(header, #panel, .tile:not([hidden])) [aria-keyshortcuts="${name}" i]:not([hidden])`));
   return button && (() => button.click());
 }
 
@@ -284,6 +285,11 @@ const BUTTONS = {
     : tiles.get(tiles.alone)?.element.requestFullscreen?.()),
   link: () => copyLink(Boolean(state.node.token)),
   'plain-link': () => copyLink(false),
+  fold: () => {
+    const isFolded = document.body.toggleAttribute('data-folded');
+    part('fold').ariaExpanded = String(!isFolded);
+    layOut();
+  },
   unhide: () => arrangement.set('hide', ''),
 };
 for (const [id, action] of Object.entries(BUTTONS)) {

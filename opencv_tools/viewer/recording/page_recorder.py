@@ -292,18 +292,6 @@ class PageRecorder:
         self._log.info(f'{sentence}: {saved.problem or "all of them"}')
         return {'keep': {'ok': not saved.problem, 'message': saved.problem or sentence}}
 
-    def finished(self, name: str) -> Path:
-        """
-        Return the bag of the last recording, for a download.
-
-        :param name: its name, from a page.
-        :raises RequestError: another recording is the last one, or it has no finished file.
-        """
-        path = self._recording.path if self._recording and not self._phase else None
-        if path is None or path.name != name or not path.is_file():
-            raise RequestError(f'{printable(name)} is not the bag of the last recording', 404)
-        return path
-
     def abandon(self) -> bool:
         """
         Leave the frames that wait for the disk; a handler of signals may call this.

@@ -22,6 +22,8 @@ from importlib.resources import files
 
 #: Page of the viewer, page of a calibration, and the page that asks for the token.
 INDEX, CALIBRATE, TOKEN_FORM = 'index.html', 'calibrate.html', 'token.html'
+#: Page of the nodes and topics.
+GRAPH = 'graph.html'
 
 _TYPES = {'.css': 'text/css', '.html': 'text/html', '.js': 'text/javascript',
           '.svg': 'image/svg+xml'}

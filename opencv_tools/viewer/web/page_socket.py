@@ -229,9 +229,9 @@ class PageSocket(SocketHandler):
             refuse=lambda reason: self._post({'refused': {'topic': name, 'reason': reason}}),
         ) if video else Channel(
             stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
-                stream.number, self._overlays.send(name, frame, sequence), frame.stamp,
-                time.time(), (*picture.region.values, *picture.source_size), picture.data,
-                origin=(frame.stamp_ns, frame.sequence, frame.message.header.frame_id))),
+                stream.number, self._overlays.send(name, frame, sequence),
+                (frame.stamp_ns, frame.sequence, frame.message.header.frame_id),
+                time.time(), (*picture.region.values, *picture.source_size), picture.data)),
             partial(self._overlays.newest, name))
         return None
 

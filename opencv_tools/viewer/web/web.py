@@ -21,19 +21,19 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 import json
-from pathlib import Path
 from typing import Any
 
 from opencv_tools.base.logs import Log
+from opencv_tools.base.regular_files import user_path
 from opencv_tools.base.sending import SendingHandler
 from opencv_tools.base.text import printable
 from opencv_tools.viewer.access import Access, check_origin, is_same_origin
-from opencv_tools.viewer.control import CameraControl, recorder_of
 from opencv_tools.viewer.errors import RequestError, WrongTokenError
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.overlays.page_overlays import PageOverlays
 from opencv_tools.viewer.protocol import parse_message, pong
-from opencv_tools.viewer.web.page_files import CALIBRATE, INDEX, PageFile, TOKEN_FORM
+from opencv_tools.viewer.web.page_files import (
+    CALIBRATE, GRAPH, INDEX, PageFile, TOKEN_FORM)
 from tornado.web import HTTPError
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
@@ -250,7 +250,7 @@ class FileHandler(SiteHandler):
     def get(self, name: str) -> None:
         """Write the file."""
         file = self.site.page.get(name)
-        if file is None or name in (INDEX, CALIBRATE, TOKEN_FORM):
+        if file is None or name in (INDEX, CALIBRATE, GRAPH, TOKEN_FORM):
             raise HTTPError(404)
         self.write_file(file)
 
@@ -265,6 +265,20 @@ class TopicsHandler(SiteHandler):
                      'more': self.site.hub.state.more})
 
 
+class GraphHandler(IndexHandler):
+    """The page of the nodes and topics."""
+
+    page_name = GRAPH
+
+
+class GraphDataHandler(SiteHandler):
+    """The nodes and topics as JSON."""
+
+    async def get(self) -> None:
+        """Write them."""
+        self.finish(await self.site.hub.node_table())
+
+
 class BagHandler(SiteHandler):
     """The bag of the last recording."""
 
@@ -274,11 +288,11 @@ class BagHandler(SiteHandler):
         if not hub.settings.record_download:
             raise RequestError('start the node with record_download:=true to download bags', 403)
         name = self.get_query_argument('name', '')
-
-        async def find(control: CameraControl) -> dict[str, Any]:
-            return {'path': recorder_of(control).finished(name)}
-
-        path: Path = (await hub.control(find))['path'].resolve()
+        await hub.refresh()
+        account = hub.state.lists().get('recording') or {}
+        path = user_path(hub.settings.record_dir).resolve() / name
+        if account.get('phase') or name != account.get('name') or not path.is_file():
+            raise RequestError(f'{printable(name)} is not the bag of the last recording', 404)
         self.set_header('Content-Type', 'application/octet-stream')
         self.set_header('Content-Disposition', f'attachment; filename="{path.name}"')
         await self.send_file(path, path.stat().st_size)

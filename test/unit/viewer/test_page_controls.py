@@ -59,7 +59,7 @@ CONTROLS = {
                          'show-robot', 'link', 'plain-link', 'unhide'), PAGE),
         'earlier': STEP, 'later': STEP, 'save': FILE, 'save-turned': TURNED, 'record': STOP,
         'keep': KEPT, 'bag': CHOSEN, 'record-chosen': CHOSEN,
-        **dict.fromkeys(('choose', 'forget'), PAGE),
+        **dict.fromkeys(('choose', 'forget', 'fold', 'help', 'graph-link'), PAGE),
         'rectified': RECTIFIED, 'calibrate': SESSION,
         **dict.fromkeys(('automatic', 'low', 'high', 'colors'), RANGE),
         **dict.fromkeys(('boxes', 'center', 'outline', 'grid', 'cross', 'look overlays'), BOTH),
@@ -68,6 +68,7 @@ CONTROLS = {
         'look copy': ORIGIN,
         **dict.fromkeys(('arrange pin', 'arrange earlier', 'arrange later', 'arrange hide'),
                         ORDER)},
+    VIEWER / 'graph.html': dict.fromkeys(('back', 'search'), PAGE),
     VIEWER / 'calibrate.html': {
         **dict.fromkeys(('back', 'coverage', 'pdf', 'svg', 'model'), PAGE),
         **dict.fromkeys(('board-text', 'submit', 'take', 'resume', 'discard', 'solve', 'restore'),

@@ -41,7 +41,7 @@ def test_head_of_video() -> None:
         '01' '0b' '0280' '01df' '00000009') + b'avc1.42C01FDATA'.hex()
     assert unpack_video(message) == (
         7, 5, 12.25, 13.5, True, (640, 479), 9, 'avc1.42C01F', b'DATA')
-    assert unpack_video(pack_frame(7, 5, 12.25, 13.5, PLACE, b'JPEG')) is None
+    assert unpack_video(pack_frame(7, 5, (9, 0, ''), 13.5, PLACE, b'JPEG')) is None
 
 
 def test_codecs_of_a_page() -> None:
@@ -64,11 +64,10 @@ def test_end_of_a_transport(name: str, base: str) -> None:
 
 
 def test_frame_has_a_head_of_48_bytes() -> None:
-    message = pack_frame(7, 2**32 + 5, 12.25, 13.5, PLACE, b'JPEG',
-                         origin=(2**33 + 1, 2**32 + 6, 'cam'))
+    message = pack_frame(7, 2**32 + 5, (12_250_000_000, 2**32 + 6, 'cam'), 13.5, PLACE, b'JPEG')
     assert message.hex() == '00000007' '00000005' '4028800000000000' '402b000000000000' + (
         '00000002' '00000004' '00000140' '000000f0' '00000280' '000001e0'
-        '0000000200000001' '00000006' '0003') + b'camJPEG'.hex()
+        f'{12_250_000_000:016x}' '00000006' '0003') + b'camJPEG'.hex()
     assert unpack_frame(message) == (7, 5, 12.25, 13.5, PLACE, b'JPEG')
 
 

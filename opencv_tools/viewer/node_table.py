@@ -1,0 +1,73 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The nodes and the topics of the graph, as text and for a page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import time
+from typing import Any
+
+from opencv_tools.base.text import printable
+from opencv_tools.viewer.control import node_names
+import rclpy
+from rclpy.node import Node
+
+#: Maximum number of topics, and of nodes of a topic, that are listed.
+MAX_LISTED = 1000
+# Time until other nodes are discovered.
+_DISCOVERY_SECONDS = 2.0
+
+
+def read_graph(node: Node) -> dict[str, Any]:
+    """Return all nodes, and the topics with types, publishers and subscribers, by name."""
+    topics = sorted(node.get_topic_names_and_types())
+    return {
+        'nodes': sorted({printable(name) for name in node_names(node)})[:MAX_LISTED],
+        'topics': [{
+            'name': printable(name), 'types': [*map(printable, types)],
+            'publishers': _nodes(node.get_publishers_info_by_topic(name)),
+            'subscribers': _nodes(node.get_subscriptions_info_by_topic(name))}
+            for name, types in topics[:MAX_LISTED]],
+        'more': max(0, len(topics) - MAX_LISTED)}
+
+
+def _nodes(endpoints: Any) -> list[str]:
+    return sorted({printable(f'{one.node_namespace.rstrip("/")}/{one.node_name}')
+                   for one in endpoints})[:MAX_LISTED]
+
+
+def describe_graph(graph: dict[str, Any]) -> str:
+    """Return the graph as text, a topic in a line with its nodes below."""
+    lines = ['Nodes:', *(f'  {name}' for name in graph['nodes']), 'Topics:']
+    for topic in graph['topics']:
+        lines.append(f'  {topic["name"]} [{", ".join(topic["types"])}]')
+        lines += [f'    {kind}: {", ".join(topic[kind]) or "none"}'
+                  for kind in ('publishers', 'subscribers')]
+    if graph['more']:
+        lines.append(f'  and {graph["more"]} more topics')
+    return '\n'.join(lines)
+
+
+def list_graph(args: Sequence[str]) -> int:
+    """Print the nodes and the topics that are found within two seconds; return 0."""
+    rclpy.init(args=[word for word in args if word != '--list'])
+    try:
+        node = rclpy.create_node('image_viewer_list', start_parameter_services=False)
+        time.sleep(_DISCOVERY_SECONDS)
+        print(describe_graph(read_graph(node)), flush=True)
+    finally:
+        rclpy.shutdown()
+    return 0
