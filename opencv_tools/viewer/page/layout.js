@@ -51,6 +51,8 @@ export class Layout {
   #page;
   #said = { tile: undefined, isQuiet: false, at: 0 }; // to screen readers
   #cameras = part('cameras');
+  #more = part('more-tools');
+  #moved = MORE_TOOLS.map(part);
   #panel = part('panel'); // in the tile that is shown alone, or beside the tiles
 
   /**
@@ -122,8 +124,8 @@ export class Layout {
     }
     const home = pair && !pair[1] ? tiles.get(pair[0])?.element.querySelector('.side') : null;
     const place = home ?? part('content');
-    if (this.#panel.parentElement !== place) place.append(this.#panel);
-    part(pair ? 'more-tools' : 'tools').append(...MORE_TOOLS.map(part));
+    if (this.#panel.parentElement !== place) place.append(this.#more, this.#panel);
+    (home ? this.#more : part('tools')).append(...this.#moved);
     part('none').hidden = !tiles.size || listed.length > 0;
   }
 
