@@ -229,6 +229,7 @@ export interface Subscribe {
 export interface Request extends Subscribe {
   unsubscribe?: string;
   got?: number;
+  busy?: number;
   ping?: number;
   codecs?: string[];
   key?: string;

@@ -28,6 +28,8 @@ const SILENCE_MS = 12000; // a large picture on a slow link takes seconds
 const ANSWER_MS = 3000;
 const CLOCK_SAMPLES = 40;
 const FIRST_PINGS = 4;
+const LAG_MS = 50;
+const LEAST_LAG = 0.05; // seconds
 const STALLED_SECONDS = 2; // two pings without an answer
 
 /** Return the time of the page in seconds; changes of the system clock have no effect. */
@@ -48,6 +50,31 @@ class Clock {
   }
 }
 
+/** Time that the page was busy with other work, such as a robot. */
+export class Lag {
+  #last = performance.now();
+  #total = 0;
+  onLag = (/** @type {number} */ _seconds) => {}; // called after each delay
+
+  constructor() {
+    setInterval(() => {
+      const time = performance.now();
+      const late = document.hidden ? 0 : (time - this.#last - LAG_MS) / 1000;
+      this.#last = time;
+      if (late < LEAST_LAG) return;
+      this.#total += late;
+      this.onLag(late);
+    }, LAG_MS);
+  }
+
+  /** Return the seconds since the last call. */
+  take() {
+    const total = this.#total + Math.max(0, (performance.now() - this.#last - LAG_MS) / 1000);
+    this.#total = 0;
+    return Math.min(3600, total);
+  }
+}
+
 /** WebSocket of the page, which connects again by itself while somebody looks at the page. */
 export class Connection {
   #listener;
@@ -57,6 +84,7 @@ export class Connection {
   #retryMs = FIRST_RETRY_MS;
   #retry = 0;
   #heard = 0;
+  lag = new Lag();
   #isGreeted = false; // by the server, so that the page may ask
 
   /**

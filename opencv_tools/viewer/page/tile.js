@@ -27,6 +27,7 @@ const PLACE = 24; // in the head: part of the image and its size, six numbers
 const HEAD_BYTES = 48; // before stamp, number and frame_id
 const CLOCK_BEGINS = 1e9; // an earlier stamp is a time of a simulation
 const AGES = 30;
+const OLD = 2; // seconds on the way, as the page was busy or the link is slow
 const CLOCK = 'sv-SE'; // 24 hours; the year first
 
 /** Picture of one topic with its facts. */
@@ -48,7 +49,7 @@ export class Tile {
   #video = null;
   #askedAt = 0;
   #connected = {}; // another object after each reset
-  #drawn = { sequence: -1, stamp: 0, origin: null, from: 0, at: 0, period: 0, time: '', isVideo: false };
+  #drawn = { sequence: -1, stamp: 0, origin: null, wasOld: false, from: 0, at: 0, period: 0, time: '', isVideo: false };
   #ages = [];
   #age = NaN;
   #history;
@@ -213,7 +214,7 @@ export class Tile {
       // A broken picture is left out; the next one may be good.
     }
     if (connected !== this.#connected) return; // nobody waits for an answer
-    this.connection.send({ got: sequence });
+    this.connection.send({ got: sequence, busy: this.connection.lag.take() });
     this.look?.ask();
   }
 
@@ -227,6 +228,7 @@ export class Tile {
     this.#drawn = {
       sequence, stamp, origin, from: stamp > CLOCK_BEGINS ? stamp : sent, at: this.connection.now,
       period: 1 / (this.status?.sent?.rate || Infinity),
+      wasOld: this.connection.now - sent > OLD,
       time: new Date().toLocaleTimeString(CLOCK), isVideo,
     };
     this.#ages.push(this.#drawn.at - this.#drawn.from);
@@ -247,7 +249,7 @@ export class Tile {
     if (this.canvas.hidden || mood === 'paused') return false;
     if (mood !== 'live') return true;
     return Boolean(this.#asked && this.#drawn.period)
-      && this.#isLate(now, Math.max(this.#drawn.at, this.#askedAt));
+      && (this.#isLate(now, Math.max(this.#drawn.at, this.#askedAt)) || this.#drawn.wasOld);
   }
 
   /** Return the age of the picture in seconds: when it was drawn, or now if the next is late. */

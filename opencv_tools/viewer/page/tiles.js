@@ -22,6 +22,9 @@ import { explainJpeg, readTopic } from './video.js';
 /** @import { FileAnswer, Status, Topic } from '../messages.js' */
 
 const SETTLE_MS = 100;
+const REST = 4; // pauses of the robot for the time that it has taken
+const SLOW = 0.5; // seconds of a delay of the pictures
+const MOST_SLOW = 3;
 const KEPT_MS = 10000; // the browser has read the file by then
 const NO_CHARTS = 'The browser decodes this video, so the node has no pixels of it. Add quality=90 '
   + 'to the address of the page to get images.';
@@ -250,6 +253,10 @@ export class Robot {
   #isPublished = false;
   #isHidden = readAddress().get('robot') === 'hidden';
   #onChange;
+  #isHeld = false;
+  #rest = 0; // timer of a pause for the pictures
+  #draws; // so far
+  #slow = 0; // long delays, one after another
 
   /** @param {() => void} onChange called when the tile appears or disappears. */
   constructor(onChange) {
@@ -293,9 +300,34 @@ export class Robot {
     }
     if (!this.#element) return;
     this.#element.hidden = !isAll;
-    const frame = this.#element.querySelector('iframe');
-    const isHeld = isPaused || !isAll;
-    frame.dataset.held = isHeld; // for a page that is not loaded yet
+    this.#isHeld = isPaused || !isAll;
+    this.#hold();
+  }
+
+  #hold() {
+    const frame = this.#element?.querySelector('iframe');
+    if (!frame) return;
+    const isHeld = this.#isHeld || Boolean(this.#rest) || this.#slow >= MOST_SLOW;
+    frame.dataset.held = String(isHeld); // for a page that is not loaded yet
     frame.contentWindow?.robotView?.live?.hold(isHeld);
+  }
+
+  /**
+   * Let the robot rest after a delay of the page, so that it takes a fifth of the time at most; a
+   * robot that delays the pictures for long again and again is drawn no more.
+   * @param {number} seconds
+   */
+  rest(seconds) {
+    const draws = this.#element?.querySelector('iframe').contentWindow?.robotView?.stage?.draws;
+    const isDrawn = draws !== this.#draws; // or the delay is of something else
+    this.#draws = draws;
+    if (!isDrawn || !this.isShown || this.#rest || this.#isHeld) return;
+    this.#slow = seconds > SLOW ? this.#slow + 1 : 0;
+    this.#rest = setTimeout(() => {
+      this.#rest = 0;
+      this.#hold();
+    }, REST * seconds * 1000);
+    this.#element.querySelector('.reason').hidden = this.#slow < MOST_SLOW;
+    this.#hold();
   }
 }

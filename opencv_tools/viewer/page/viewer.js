@@ -60,6 +60,7 @@ const connection = new Connection({
   received: receive,
   frame: (bytes) => tiles.frame(bytes),
 });
+connection.lag.onLag = (seconds) => page.robot.rest(seconds);
 const { send } = connection;
 /**
  * @typedef {{ state: State, connection: Connection, arrangement: Arrangement, range: RangeForm,

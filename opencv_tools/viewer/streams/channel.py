@@ -269,16 +269,20 @@ class Channel:
         future = self.stream.picture(frame, self._picture_options())
         future.add_done_callback(lambda done: self._encoded(frame, done))
 
-    def answered(self, sequence: int) -> bool:
-        """Use an answer of the page; return whether it belongs to this channel."""
+    def answered(self, sequence: int, busy: float = 0.0) -> bool:
+        """
+        Use an answer of the page; return whether it belongs to this channel.
+
+        :param busy: seconds that the page was busy with other work, which is no fault of the link.
+        """
         if sequence not in self._unanswered:
             return False
         sent_at, size, frame = self._unanswered.pop(sequence)
         self.shown.drawn(sequence, frame)
         now = self._loop.time()
-        if self._link:
+        if self._link and busy < (now - sent_at) / 2:
             period = max(1 / self.options.rate, 1 / (self.stream.feed.rate or 1000))
-            self._link.answered(size, now - sent_at, period, now)
+            self._link.answered(size, now - sent_at - busy, period, now)
         self.frame_arrived()
         return True
 

@@ -176,7 +176,7 @@ class VideoChannel:
         self._sent.add()
         self._last = viewed
 
-    def answered(self, sequence: int) -> bool:
+    def answered(self, sequence: int, _busy: float = 0.0) -> bool:
         """Use an answer of the page; return whether it belongs to this channel."""
         if sequence not in self._unanswered:
             return False

@@ -31,7 +31,8 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.inspect.looks import Looks, MAX_LOOKS
 from opencv_tools.viewer.inspect.steps import Steps
 from opencv_tools.viewer.protocol import (
-    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_options, topic_of, ViewRequest, WIDTHS)
+    MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_options, topic_of, valid_number,
+    ViewRequest, WIDTHS)
 from opencv_tools.viewer.streams.channel import Channel
 from opencv_tools.viewer.streams.video_channel import VideoChannel, VideoLink
 from opencv_tools.viewer.web.web import POLICY_VIOLATION, SocketHandler
@@ -117,7 +118,8 @@ class PageSocket(SocketHandler):
     async def answer(self, message: _Message) -> _Message | None:
         """Return the answer to a request; control of other nodes has a task of its own."""
         if 'got' in message:
-            self._acknowledge(message['got'])
+            self._acknowledge(message['got'], valid_number(
+                message.get('busy', 0), 'busy', 0, 3600))
         elif 'codecs' in message:
             self._codecs = parse_codecs(message['codecs'])
         elif 'key' in message:
@@ -168,16 +170,16 @@ class PageSocket(SocketHandler):
                                  'message': str(err)}}
             await self.send_json(answer)
 
-    def _acknowledge(self, sequence: Any) -> None:
+    def _acknowledge(self, sequence: Any, busy: float) -> None:
         """Use the answer to a picture; one that comes before the picture was sent is a guess."""
-        if not isinstance(sequence, int) or not 0 < sequence <= self._sequence:
+        if type(sequence) is not int or not 0 < sequence <= self._sequence:
             raise RequestError('got is not the number of a picture')
         writing = self._writing.get(sequence)
         if writing and not writing.done():
             self.close(POLICY_VIOLATION, 'an answer to a picture that was not sent yet')
             return
         for channel in self._channels.values():
-            if channel.answered(sequence):
+            if channel.answered(sequence, busy):
                 return
 
     async def _subscribe_again(self, name: str, options: ViewRequest) -> None:

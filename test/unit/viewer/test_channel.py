@@ -254,13 +254,13 @@ def test_frame_of_the_shown_picture_is_kept() -> None:
     run(work)
 
 
-def test_no_frame_is_kept_without_a_look() -> None:
+def test_frame_is_kept_without_a_look() -> None:
     async def work(stream: Stream, _: Console) -> None:
         page = Receiver(stream)
         stream.feed.put(ReceivedMessage(image(), 0))
         await page.wait(1)
         page.channel.answered(1)
-        assert page.channel.shown.of(1) is None
+        assert page.channel.shown.of(1) is stream.feed.newest  # which can be saved
 
     run(work)
 
@@ -311,6 +311,23 @@ def test_another_region_keeps_the_quality_of_a_slow_link() -> None:
         page.channel.set_options(replace(OPTIONS, region=moved))
         assert (await page.wait(2)).region == moved
         assert page.channel._link is link
+
+    run(work)
+
+
+@pytest.mark.parametrize(('seconds', 'busy', 'is_lowered'), [
+    (0.5, 0.5, False), (3.0, 2.99, False), (40.0, 60.0, False), (3.0, 0.0, True),
+    (3.0, 1.0, True)])
+def test_busy_browser_is_not_a_slow_link(seconds: float, busy: float, is_lowered: bool) -> None:
+    async def work(stream: Stream, _: Console) -> None:
+        page = Receiver(stream)
+        for number in range(1, 21):
+            stream.feed.put(ReceivedMessage(image(), 0))
+            await page.wait(number)
+            at, size, frame = page.channel._unanswered[number]
+            page.channel._unanswered[number] = at - seconds, size, frame
+            page.channel.answered(number, busy)
+        assert page.channel._link.is_lowered is is_lowered
 
     run(work)
 
