@@ -59,6 +59,7 @@ export function showChart(element, kind, chart) {
     missing > 0 && `${percent(missing)} without ${lacking}`].filter(Boolean).join(', ');
   element.classList.toggle('over', over > 0);
   const places = Object.entries({ smallest: chart.least, largest: chart.most });
+  /** @type {(entry: any) => string} */
   const text = ([name, [value, x, y]]) => `${name} ${+value.toPrecision(6)} at ${x}, ${y}`;
   const found = places.filter(([, at]) => at);
   const list = element.querySelector('.buttons');

@@ -73,7 +73,7 @@ async function read() {
     if (isNew) draw();
     part('notice').hidden = true;
   } catch (err) {
-    part('notice').textContent = `The graph is not known: ${err.message}`;
+    part('notice').textContent = `The graph is not known: ${String(err)}`;
     part('notice').hidden = false;
   }
   setTimeout(read, REFRESH_MS);

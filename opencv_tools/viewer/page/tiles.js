@@ -235,7 +235,8 @@ function download(blob, name) {
  */
 export async function saveVideo({ canvas, name, stamp }, { turns, isFlipped }) {
   const { width, height } = canvas;
-  const file = new OffscreenCanvas(...(turns % 2 ? [height, width] : [width, height]));
+  const isSideways = turns % 2;
+  const file = new OffscreenCanvas(isSideways ? height : width, isSideways ? width : height);
   const context = file.getContext('2d');
   context.translate(file.width / 2, file.height / 2);
   context.rotate((turns * Math.PI) / 2);
