@@ -21,6 +21,7 @@ from pathlib import Path
 
 from chromium import Browser, Page
 from conftest import NodeProcess
+from live_robots import ROBOT, RobotNode
 import numpy as np
 from pages import Camera, Viewer
 import pytest
@@ -395,3 +396,27 @@ def test_large_screen(viewer: Viewer, browser: Browser, camera: Node) -> None:
                   ' > 1100')
     check_layout(page, 1920)
     assert page.evaluate('tileOf("/depth_3").getBoundingClientRect().bottom') <= 1080
+
+
+@pytest.mark.parametrize('width', [720, 1000, 1280, 1920])
+@pytest.mark.parametrize('path', ['?', '?topic=/front', '?topic=/front&beside=/rear'])
+def test_head_with_all_buttons(path: str, width: int, start_viewer: Callable[..., Viewer],
+                               browser: Browser, camera: Node, tmp_path: Path) -> None:
+    for name in ('/front', '/rear'):
+        Camera(camera, name, LATCHED).publish(1)
+    RobotNode(camera).describe(ROBOT)
+    viewer = start_viewer(control=True, record_dir=tmp_path)
+    base, _, token = viewer.url.partition('?')
+    page = browser.new_page(f'{base}{path}&{token}', width, 800)
+    page.wait_for('numberOf("/front") === 1 && !document.getElementById("record").hidden'
+                  ' && !document.getElementById("plain-link").hidden')
+    if path == '?':
+        page.wait_for('!document.getElementById("show-robot").hidden')
+    page.wait_for(f'document.documentElement.scrollWidth <= {width}')
+    check_layout(page, width)
+    words = page.evaluate('document.querySelector("header").dataset.words')
+    assert words == 'all' or width < 1920
+    if path == '?topic=/front' and width >= 1280:
+        assert page.evaluate('document.querySelector("#previous span").offsetWidth') > 0
+    page.resize(1920, 800)
+    page.wait_for('document.querySelector("header").dataset.words === "all"')

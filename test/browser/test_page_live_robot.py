@@ -85,6 +85,18 @@ def words(page: Page) -> str:
     return str(page.evaluate("document.getElementById('live').textContent"))
 
 
+@pytest.mark.parametrize('width', [390, 1280])
+def test_way_back_to_the_cameras(width: int, browser: Browser, viewer: Viewer,
+                                 robot: RobotNode) -> None:
+    page = browser.new_page(f'{viewer.url}robot/', width, 844)
+    page.wait_for('document.getElementById("back")?.checkVisibility()')
+    page.evaluate('document.getElementById("back").click()')
+    page.wait_for('Boolean(document.querySelector("#cameras .robot iframe"))')
+    page.wait_for(f'Boolean({IN_TILE}?.live)')
+    assert not page.evaluate('document.querySelector(".robot iframe").contentDocument'
+                             '.getElementById("back").checkVisibility()')
+
+
 def test_robot_beside_its_cameras(browser: Browser, viewer: Viewer, robot: RobotNode,
                                   node: Node) -> None:
     camera = Camera(node, '/image')

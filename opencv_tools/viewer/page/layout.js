@@ -100,7 +100,16 @@ export class Layout {
     }
     const filling = document.fullscreenElement;
     if (filling && filling !== tiles.get(alone)?.element) document.exitFullscreen();
+    this.#fitHead();
     this.show();
+  }
+
+  /** Leave out words of buttons for which the head of the page has no room. */
+  #fitHead(head = document.querySelector('header')) {
+    for (const words of ['all', 'most', 'none']) {
+      head.dataset.words = words;
+      if (head.scrollWidth <= head.clientWidth) return;
+    }
   }
 
   /** Show the tiles in the order and as somebody has arranged them. */
@@ -124,8 +133,8 @@ export class Layout {
     }
     const home = pair && !pair[1] ? tiles.get(pair[0])?.element.querySelector('.side') : null;
     const place = home ?? part('content');
-    if (this.#panel.parentElement !== place) place.append(this.#more, this.#panel);
-    (home ? this.#more : part('tools')).append(...this.#moved);
+    if (this.#panel.parentElement !== place) place.append(this.#panel);
+    (pair ? this.#more : part('tools')).append(...this.#moved);
     part('none').hidden = !tiles.size || listed.length > 0;
   }
 
@@ -166,6 +175,8 @@ export class Layout {
     overlays.show(Boolean(selected));
     controls.show(tiles.get(selected)?.topic?.nodes ?? []);
     if (present === 'live') this.#announce(one);
+    const head = document.querySelector('header');
+    if (head.scrollWidth > head.clientWidth) this.#fitHead(head); // a button has appeared
     this.#arrange(one);
     tiles.ask();
   }

@@ -24,7 +24,8 @@ import { explainJpeg, readTopic } from './video.js';
 const SETTLE_MS = 100;
 const REST = 4; // pauses of the robot for the time that it has taken
 const SLOW = 0.5; // seconds of a delay of the pictures
-const MOST_SLOW = 3;
+const MOST_SLOW = 3; // delays within
+const SLOW_MS = 300000;
 const KEPT_MS = 10000; // the browser has read the file by then
 const NO_CHARTS = 'The browser decodes this video, so the node has no pixels of it. Add quality=90 '
   + 'to the address of the page to get images.';
@@ -109,6 +110,7 @@ export class Tiles extends Map {
     this.#inView.unobserve(tile.element);
     this.#sizes.unobserve(tile.link);
     tile.ask(false, {});
+    part('content').append(...tile.element.querySelectorAll('#panel')); // it is of the page
     tile.element.remove();
     this.delete(name);
   }
@@ -257,7 +259,8 @@ export class Robot {
   #isHeld = false;
   #rest = 0; // timer of a pause for the pictures
   #draws; // so far
-  #slow = 0; // long delays, one after another
+  /** @type {number[]} */
+  #slow = []; // times of long delays
 
   /** @param {() => void} onChange called when the tile appears or disappears. */
   constructor(onChange) {
@@ -308,7 +311,7 @@ export class Robot {
   #hold() {
     const frame = this.#element?.querySelector('iframe');
     if (!frame) return;
-    const isHeld = this.#isHeld || Boolean(this.#rest) || this.#slow >= MOST_SLOW;
+    const isHeld = this.#isHeld || Boolean(this.#rest) || this.#slow.length >= MOST_SLOW;
     frame.dataset.held = String(isHeld); // for a page that is not loaded yet
     frame.contentWindow?.robotView?.live?.hold(isHeld);
   }
@@ -323,12 +326,14 @@ export class Robot {
     const isDrawn = draws !== this.#draws; // or the delay is of something else
     this.#draws = draws;
     if (!isDrawn || !this.isShown || this.#rest || this.#isHeld) return;
-    this.#slow = seconds > SLOW ? this.#slow + 1 : 0;
+    const time = performance.now();
+    this.#slow = this.#slow.filter((one) => time < one + SLOW_MS);
+    if (seconds > SLOW) this.#slow.push(time); // short ones between them do not count
     this.#rest = setTimeout(() => {
       this.#rest = 0;
       this.#hold();
     }, REST * seconds * 1000);
-    this.#element.querySelector('.reason').hidden = this.#slow < MOST_SLOW;
+    this.#element.querySelector('.reason').hidden = this.#slow.length < MOST_SLOW;
     this.#hold();
   }
 }

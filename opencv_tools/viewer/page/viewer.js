@@ -270,7 +270,7 @@ document.addEventListener('keydown', (event) => {
 });
 
 document.addEventListener('visibilitychange', () => tiles.ask());
-addEventListener('resize', () => layout.show());
+addEventListener('resize', layOut); // whose words may have room
 addEventListener('popstate', () => select(topicOfAddress(), false));
 const BUTTONS = {
   back: () => select(''),

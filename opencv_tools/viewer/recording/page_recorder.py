@@ -181,7 +181,7 @@ async def in_thread(node: Node, log: Log, work: Callable[[], _T]) -> _T:
 
 #: Maximum number of topics of a recording.
 MAX_RECORDED = 64
-# Least time between two starts, so that a page cannot fill the folder with bags.
+# Least time between two starts of a kind, so that a page cannot fill the folder with bags.
 _PAUSE_SECONDS = 1.0
 
 Start = Callable[[Coroutine[Any, Any, object]], object]
@@ -229,7 +229,7 @@ class PageRecorder:
         #: What happens now: '' for nothing, ``starting``, ``recording`` or ``ending``.
         self._phase = ''
         self._recording: BagRecording | None = None  # the last one is kept for its account
-        self._next_start_at = 0.0
+        self._next_start_at = dict.fromkeys(('keep', 'record'), 0.0)
         self._is_saving = False
         #: Returns the frames of a topic that are in memory, oldest first; None without a memory.
         self.frames_of: FramesOf | None = None
@@ -281,7 +281,7 @@ class PageRecorder:
         if not frames:
             raise RequestError(f'no frames of {enumerated([*map(printable, names)])} are in '
                                'memory')
-        self._check_pause()
+        self._check_pause('keep')
         self._is_saving = True
         try:
             saved = await in_thread(self._node, self._log, lambda: write_frames(
@@ -318,7 +318,7 @@ class PageRecorder:
                                f'{since}')
         if self._phase:
             raise RequestError(f'a recording is {self._phase}: wait')
-        self._check_pause()
+        self._check_pause('record')
         self._phase = 'starting'
         try:
             sink = await in_thread(self._node, self._log, self._folder.open)
@@ -349,16 +349,16 @@ class PageRecorder:
             self._phase = ''
         return self._report(recording, reason)
 
-    def _check_pause(self) -> None:
+    def _check_pause(self, kind: str) -> None:
         """
         Note the beginning of a bag.
 
         :raises RequestError: the last one has just begun.
         """
         now = time.monotonic()
-        if now < self._next_start_at:
+        if now < self._next_start_at[kind]:
             raise RequestError('the last recording began less than a second ago: try again')
-        self._next_start_at = now + _PAUSE_SECONDS
+        self._next_start_at[kind] = now + _PAUSE_SECONDS
 
     def _end_full(self) -> None:
         """End the recording, because the disk has too little space; called in a thread."""

@@ -36,6 +36,7 @@ export class Live {
     address.searchParams.delete('token');
     history.replaceState(null, '', address);
     document.body.dataset.part = address.searchParams.get('part') ?? 'page';
+    byId('back').hidden = false;
     byId('resume').addEventListener('click', () => this.pause(false));
     new IntersectionObserver(([{ isIntersecting }]) => {
       this.isSeen = isIntersecting;

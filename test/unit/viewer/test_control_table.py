@@ -76,9 +76,9 @@ CONTROLS = {
         'undo': VIEW, 'save': RESULT, 'file': RESULT},
     # This page has no topic and no camera. Nothing that it does reaches another node.
     ROBOT / 'index.html': dict.fromkeys((
-        'resume', 'fit', 'zero', 'save', 'view-urdf', 'view-sdf', 'view-both', 'show-visuals',
-        'show-collisions', 'show-inertia', 'show-frames', 'show-names', 'show-axes', 'fade',
-        'file'), PAGE)}
+        'back', 'resume', 'fit', 'zero', 'save', 'view-urdf', 'view-sdf', 'view-both',
+        'show-visuals', 'show-collisions', 'show-inertia', 'show-frames', 'show-names',
+        'show-axes', 'fade', 'file'), PAGE)}
 
 #: Buttons that scripts create, in their order.
 CREATED = {'settings.js': [CAMERA, RECORDER],  # Start camera and Stop camera; recorders
