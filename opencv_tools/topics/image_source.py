@@ -110,8 +110,9 @@ class ImageSource:
     again when a publisher offers less, and when all publishers are new and offer more. A publisher
     that leaves changes nothing. The old reader overlaps with the new one for a second.
 
-    With several possible topics the source changes to another one after the first frame only when
-    the last publisher has left.
+    With several possible topics the first reader waits until those of a publisher on another host
+    are known. The source changes to another topic after the first frame only when the last
+    publisher has left.
     """
 
     def __init__(
@@ -143,6 +144,8 @@ class ImageSource:
         self.topic = discovery.best() or discovery.allowed[0]
         #: Requested quality of service.
         self.qos = self._best_qos(self.topic)
+        #: Whether the topic may be subscribed to, because it is the choice.
+        self.is_chosen = False
         self._reader: ImageReader | None = None
         self._previous: ImageReader | None = None
         self._retire_at = 0.0
@@ -173,8 +176,8 @@ class ImageSource:
         return [reader for reader in (self._previous, self._reader) if reader]
 
     def use(self, is_used: bool) -> None:
-        """Subscribe to the topic, or receive the waiting messages and unsubscribe from it."""
-        if is_used and self._reader is None:
+        """Subscribe to the chosen topic, or receive the waiting messages and unsubscribe."""
+        if is_used and self._reader is None and self._choose():
             self._reader = ImageReader(self._node, self.topic, self.qos)
             self._change_readers()
         elif not is_used and self._reader:
@@ -249,7 +252,7 @@ class ImageSource:
 
         :returns: whether the topic has changed.
         """
-        if len(self._discovery.allowed) == 1 or (
+        if not self.is_chosen or len(self._discovery.allowed) == 1 or (
                 self.has_frames and self._discovery.publishers(self.topic)
                 and not self._discovery.prefers_video(self.topic)):
             return False
@@ -275,6 +278,20 @@ class ImageSource:
         for reader in self.readers:
             reader.destroy()
         self._reader = self._previous = None
+
+    def _choose(self) -> bool:
+        """Return whether a topic is chosen; choose the best one if that is possible."""
+        if not self.is_chosen and self._discovery.is_complete():
+            self.is_chosen, waited_for = True, self.topic
+            self.topic = self._discovery.best() or self.topic
+            self.qos = self._best_qos(self.topic)
+            if self.topic != waited_for:
+                self._log_topic()
+        return self.is_chosen
+
+    def _log_topic(self) -> None:
+        self._log.info(f'Receiving {self.topic_name} ({self.topic.type_name}, '
+                       f'{describe_qos(self.qos)}), as its publishers offer')
 
     def _best_qos(self, topic: ImageTopic) -> QoSProfile:
         """Return the quality of service that the publishers of a topic offer."""
@@ -302,8 +319,7 @@ class ImageSource:
         if not is_same or not self._previous.publisher_count() or not self._previous.has_numbers:
             self._retire_previous()
         self.use(True)
-        self._log.info(f'Receiving {self.topic_name} ({topic.type_name}, {describe_qos(qos)}), '
-                       'as its publishers offer')
+        self._log_topic()
 
     def _retire_previous(self) -> None:
         """Receive the waiting messages of the old reader, then remove it."""

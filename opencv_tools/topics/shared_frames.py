@@ -112,14 +112,15 @@ class FrameSources:
         return have_changed
 
     def update_sharing(self) -> None:
-        """Unsubscribe from the image topic while all its publishers share their frames."""
+        """Use the image topic once it is chosen, unless all its publishers share their frames."""
+        are_shared = False
         if self.shared:
             for publisher in self.shared.check():
                 self.image.drain()
                 self.shared.stop_joining(publisher)
             is_raw = self.image.topic.type_name == IMAGE
             are_shared = self.shared.update(self.image.publishers if is_raw else frozenset())
-            self.image.use(self._options.has_image_topic and not are_shared)
+        self.image.use(self._options.has_image_topic and not are_shared)
 
     def remaining_frames(self) -> Iterator[QueuedFrame]:
         """Yield the frames that wait and those that were received until now, oldest first."""

@@ -224,6 +224,7 @@ class NoFramesWarning:
 # The executor has events only for publishers of the same type. The graph is polled for all others.
 # Each poll wakes the executor, which is its cost.
 _GRAPH_POLL_SECONDS = 0.5
+_CHOICE_POLL_SECONDS = 0.1  # until there is a topic to subscribe to
 
 
 class Account(NamedTuple):
@@ -353,7 +354,8 @@ class FrameSubscription:
             if self._infos:
                 self._infos.subscribe()
             self._timer = create_steady_timer(
-                self._node, _GRAPH_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
+                self._node, _GRAPH_POLL_SECONDS if self._sources.image.is_chosen else
+                _CHOICE_POLL_SECONDS, self._poll_graph, self._wake_ups.callback_group)
             if self._is_threaded:
                 self._consumer.start_thread(f'frames of {self.topic_name}', end_thread)
             self._wake_ups.start()
@@ -379,7 +381,8 @@ class FrameSubscription:
     @property
     def is_shared(self) -> bool:
         """Whether all frames come from shared memory."""
-        return not self._sources.image.is_used
+        image = self._sources.image
+        return image.is_chosen and not image.is_used
 
     def explain_no_frames(self) -> str:
         """Return the reason why no frame arrives, with a remedy, as a sentence."""
@@ -478,6 +481,8 @@ class FrameSubscription:
                 self._no_frames_warning.reset_period()
             if self._sources.adapt():
                 self._no_frames_warning.reset()
+            if self._timer and self._sources.image.is_chosen:
+                self._timer.timer_period_ns = int(_GRAPH_POLL_SECONDS * 1e9)
         with self._queue.lock:
             counts = dict(self._queue.order.accepted)
         self._mixed_publishers.check(self.topic_name, counts)

@@ -18,7 +18,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence, Set
 from dataclasses import dataclass
+import os
 import re
+import time
 
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.image.cdr import COMPRESSED_IMAGE, DISPARITY_IMAGE, IMAGE
@@ -26,6 +28,7 @@ from opencv_tools.image.compressed_depth import COMPRESSED_DEPTH
 from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.messages import MESSAGE_TYPES
 from opencv_tools.topics.qos import qos_mismatch
+from opencv_tools.transport.fastdds.profile import is_local
 from opencv_tools.transport.fastdds.shared_memory import find_other_user
 from opencv_tools.video.messages import VIDEO_TOPICS
 from rclpy.node import Node
@@ -42,6 +45,8 @@ TRANSPORTS = {
 _MAX_NAME = 247 - len(f'/{COMPRESSED_DEPTH}')
 _HOST = slice(2, 4)  # of the identifier of an endpoint, as Fast DDS gives it
 _NAME = re.compile(r'/[A-Za-z0-9_/]+')
+# Time in which the topics of a publisher on another machine are discovered.
+_COMPLETE_SECONDS = 1.0
 #: Name of a publishing node that was not discovered yet, or that is no node of ROS.
 UNKNOWN_NODE = '_NODE_NAME_UNKNOWN_'
 
@@ -133,6 +138,8 @@ class TopicDiscovery:
                 2 * allowed.is_video + (allowed.type_name == IMAGE or allowed.is_depth)))
         self._video = [possible for possible in self.allowed if possible.is_video]
         self._host: bytes | None = None  # of this process
+        self._has_other_hosts = not is_local() or bool(os.environ.get('ROS_STATIC_PEERS'))
+        self._found_at = 0.0
 
     def publishers(self, image_topic: ImageTopic) -> list[TopicEndpointInfo]:
         """Return the publishers of a topic."""
@@ -155,6 +162,23 @@ class TopicDiscovery:
         # for depth only. Depth has no video.
         depth = [one for one in found if one.is_depth and len(video) == len(VIDEO_TOPICS)]
         return (depth or video)[0]
+
+    def is_complete(self) -> bool:
+        """
+        Return whether `best` is the choice, because no better topic is to be expected.
+
+        The topics of a publisher on another machine are not discovered at once. Raw images of the
+        first one would fill a slow link, and delay the discovery of the others.
+        """
+        if not self._has_other_hosts or len({one.is_video for one in self.allowed}) == 1:
+            return True
+        best, now = self.best(), time.monotonic()
+        if best is None:
+            self._found_at = 0.0
+            return False
+        self._found_at = self._found_at or now
+        return (best.is_video or now - self._found_at >= _COMPLETE_SECONDS
+                or not all(map(self._is_remote, self.publishers(best))))
 
     def prefers_video(self, image_topic: ImageTopic) -> bool:
         """Return whether video is better, because the publishers are on other machines."""

@@ -36,7 +36,7 @@ _CONVERTED = ('yuv', 'bayer')  # kinds of encodings that are converted to bgr8 f
 # Weights of red and blue by AVColorSpace; the others are BT.601.
 _WEIGHTS = {1: (0.2126, 0.0722), 4: (0.3, 0.11), 7: (0.212, 0.087), 9: (0.2627, 0.0593),
             10: (0.2627, 0.0593)}
-_FULL_RANGE = 2  # AVCOL_RANGE_JPEG
+_LIMITED_RANGE, _FULL_RANGE = 1, 2  # AVCOL_RANGE_MPEG and AVCOL_RANGE_JPEG
 _PLANAR = frozenset(('yuv420p', 'yuv422p', 'yuv444p', 'yuv440p', 'gray'))
 
 
@@ -81,7 +81,8 @@ def to_bgr(frame: Any) -> NDArray[Any]:
     Convert a decoded frame with the matrix and the range that its stream declares.
 
     A stream without a matrix has BT.601, and without a range the limited one, as for other nodes
-    of ROS. Fractions of 10 and 12 bits are rounded.
+    of ROS. Gray without a range has the full one, as in FFmpeg and JPEG. Fractions of 10 and 12
+    bits are rounded.
 
     :param frame: an ``av.VideoFrame``.
     :returns: new (h, w, 3) uint8 array.
@@ -90,7 +91,8 @@ def to_bgr(frame: Any) -> NDArray[Any]:
         return frame.to_ndarray(format='bgr24')
     space, height, width = int(frame.colorspace), frame.height, frame.width
     name = frame.format.name
-    is_full = frame.color_range == _FULL_RANGE or name.startswith('yuvj')
+    is_full = frame.color_range == _FULL_RANGE or name.startswith('yuvj') or (
+        name == 'gray' and frame.color_range != _LIMITED_RANGE)
     name = name.replace('yuvj', 'yuv')
     is_even = not (height % 2 or width % 2)
     if name == 'yuv420p' and space not in _WEIGHTS and not is_full and is_even:

@@ -65,7 +65,9 @@ ENCODED = {
     'rgb.mkv': '-c:v libx264rgb -pix_fmt rgb24', 'gray.mp4': f'{X264} -pix_fmt gray',
     'full.mp4': f'{X264} -pix_fmt yuvj420p',
     'mjpeg.avi': '-c:v mjpeg -q:v 2 -pix_fmt yuvj422p', 'mjpeg.mkv': '-c:v mjpeg -q:v 2 -pix_fmt '
-    'yuvj420p', 'ffv1.mkv': '-c:v ffv1', 'huffyuv.avi': '-c:v huffyuv -pix_fmt yuv422p',
+    'yuvj420p', 'gray.avi': '-c:v mjpeg -q:v 2 -pix_fmt gray',
+    'gray.mkv': '-c:v ffv1 -pix_fmt gray',
+    'ffv1.mkv': '-c:v ffv1', 'huffyuv.avi': '-c:v huffyuv -pix_fmt yuv422p',
     'utvideo.avi': '-c:v utvideo', 'raw.avi': '-c:v rawvideo -pix_fmt bgr24', 'raw.nut':
     '-c:v rawvideo', 'png.mov': '-c:v png -pix_fmt rgb24', 'qtrle.mov': '-c:v qtrle -pix_fmt '
     'rgb24', 'mpeg4.avi': '-c:v mpeg4 -bf 2 -q:v 3', 'mpeg4.mp4': '-c:v mpeg4 -q:v 3',

@@ -28,7 +28,7 @@ import time
 
 from conftest import NodeProcess, read_manifest, recorded_files
 import cv2
-from hosts import Host, two_hosts
+from hosts import Host, linked_hosts, two_hosts
 from images import draw_pattern
 import numpy as np
 import pytest
@@ -40,6 +40,7 @@ Hosts = tuple[Host, Host]
 
 CUT_SECONDS = 5.0
 SILENCE_SECONDS = 5.0
+FIRST_FRAMES = 60
 NO_MULTICAST = ('table inet multicast { chain in { type filter hook input priority -1; '
                 'ip daddr 224.0.0.0/4 drop; }; }')
 NOTHING = 'table inet cut { chain in { type filter hook input priority -1; drop; }; }'
@@ -144,6 +145,44 @@ def test_video_is_preferred_on_another_host(
     tell(f'video 640x480 at 30 Hz: {sent / 60e3:.1f} kB for each of 60 frames')
     assert sent < 60 * 640 * 480 * 3 / 20
     assert re.search(r' 0 dropped, 0 failed, \d+ lost in transit', subscriber.output)
+
+
+def first_frames(
+        start: Start, tmp_path: Path, rate: str, transport: str) -> tuple[int, float]:
+    """
+    Record the first frames of a publisher that starts last, over a link.
+
+    :param rate: rate of the link, as ``tc`` reads it.
+    :returns: bytes on the link, and seconds from the start of the publisher to the first frame.
+    """
+    with linked_hosts(rate, '32kb', '400ms') as (near, far):
+        subscriber = start('img_subscriber', within=far.within, output_dir=tmp_path / transport,
+                           transport=transport, max_frames=FIRST_FRAMES)
+        subscriber.wait_for('Waiting for')
+        began, sent = time.monotonic(), near.sent_bytes()
+        publisher = start('img_publisher', within=near.within, source='pattern:640x360@20',
+                          publish_rate=0.0)
+        subscriber.wait_for('Receiving video frame')
+        seconds = time.monotonic() - began
+        assert subscriber.finish() == 0, subscriber.output
+        sent = near.sent_bytes() - sent
+        publisher.interrupt()
+        publisher.finish()
+    return sent, seconds
+
+
+# Raw images of one second would be 14 MB.
+@pytest.mark.parametrize('rate', ['2mbit', '8mbit', '30mbit', '100mbit'])
+def test_nothing_but_video_on_a_slow_link(
+        start: Start, tmp_path: Path, tell: Tell, monkeypatch: pytest.MonkeyPatch,
+        rate: str) -> None:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    sent = {}
+    for transport in ('video', 'auto'):
+        sent[transport], seconds = first_frames(start, tmp_path, rate, transport)
+        tell(f'{transport} over {rate}: first frame after {seconds:.1f} s, '
+             f'{sent[transport] / 1e6:.2f} MB')
+    assert sent['auto'] < 1.3 * sent['video']
 
 
 def test_compressed_depth_is_preferred_on_another_host(

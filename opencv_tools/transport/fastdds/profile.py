@@ -176,7 +176,7 @@ def configured_fastdds(frame_bytes: int, priority: int = 0) -> Iterator[FastDdsS
     available = free_bytes()
     priority = 0 if explain_refusal(priority) else priority  # Fast DDS would log errors
     other_user = find_other_user()
-    if other_user and not _is_local():  # if local, rmw_fastrtps adds its own shared memory
+    if other_user and not is_local():  # if local, rmw_fastrtps adds its own shared memory
         with _profile(_describe_profile(0, 0, priority)):
             yield FastDdsSetup('UDP for frames, because of the other user', free_bytes=available,
                                warning=_OTHER_USER.format(user=other_user, what=_UDP_EFFECT))
@@ -232,7 +232,7 @@ def _describe_profile(segment: int, fragments: int, priority: int) -> str:
     transports: dict[str, dict[str, int]] = {}
     if segment:
         transports['SHM'] = {'segment_size': segment, 'port_queue_capacity': fragments}
-    if not _is_local():
+    if not is_local():
         transports['UDPv4'] = {'receiveBufferSize': _SOCKET_BYTES}
     threads = _THREADS.format(_elements(
         scheduling_policy=os.SCHED_RR, priority=priority)) if priority else ''
@@ -250,8 +250,12 @@ def _elements(**values: object) -> str:
     return ''.join(f'<{tag}>{value}</{tag}>' for tag, value in values.items())
 
 
-def _is_local() -> bool:
-    """Return whether rmw_fastrtps adds its own UDP transport; a second one would send twice."""
+def is_local() -> bool:
+    """
+    Return whether nodes of this machine only are discovered, without static peers.
+
+    rmw_fastrtps then adds its own UDP transport; a second one would send twice.
+    """
     return (os.environ.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
             or os.environ.get('ROS_LOCALHOST_ONLY') == '1')
 

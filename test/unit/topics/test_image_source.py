@@ -27,7 +27,7 @@ import pytest
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CompressedImage, Image
 from waiting import wait_until
 
 TOPIC = '/video_frames'
@@ -75,6 +75,22 @@ def publish(publisher: Publisher, *stamps: int) -> None:
         message.header.stamp.sec = stamp
         publisher.publish(message)
     wait_until(lambda: publisher.wait_for_all_acked(Duration()))
+
+
+def test_first_subscription_after_the_first_publisher(
+        node: Node, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('ROS_STATIC_PEERS', '127.0.0.1')  # publishers may be on other hosts
+    source = Receiver(node).source
+    assert not source.is_used and not source.choose_topic()
+    node.create_publisher(CompressedImage, f'{TOPIC}/compressed', 10)
+
+    def use() -> bool:
+        source.use(True)
+        return source.is_used
+
+    wait_until(use)
+    assert source.topic_name == f'{TOPIC}/compressed'
+    source.destroy()
 
 
 @pytest.mark.parametrize('act', [
