@@ -148,20 +148,26 @@ def test_video_is_preferred_on_another_host(
 
 
 def first_frames(
-        start: Start, tmp_path: Path, rate: str, transport: str) -> tuple[int, float]:
+        start: Start, tmp_path: Path, rate: str, transport: str, begins: str,
+) -> tuple[int, float]:
     """
-    Record the first frames of a publisher that starts last, over a link.
+    Record the first frames of a publisher over a link.
 
     :param rate: rate of the link, as ``tc`` reads it.
-    :returns: bytes on the link, and seconds from the start of the publisher to the first frame.
+    :param begins: which one starts first, ``publisher`` or ``subscriber``.
+    :returns: bytes on the link, and seconds from the start of both to the first frame.
     """
+    def publish() -> NodeProcess:
+        return start('img_publisher', within=near.within, source='pattern:640x360@20',
+                     publish_rate=0.0)
+
     with linked_hosts(rate, '32kb', '400ms') as (near, far):
+        began, sent = time.monotonic(), near.sent_bytes()
+        early = publish() if begins == 'publisher' else None
         subscriber = start('img_subscriber', within=far.within, output_dir=tmp_path / transport,
                            transport=transport, max_frames=FIRST_FRAMES)
         subscriber.wait_for('Waiting for')
-        began, sent = time.monotonic(), near.sent_bytes()
-        publisher = start('img_publisher', within=near.within, source='pattern:640x360@20',
-                          publish_rate=0.0)
+        publisher = early or publish()
         subscriber.wait_for('Receiving video frame')
         seconds = time.monotonic() - began
         assert subscriber.finish() == 0, subscriber.output
@@ -172,14 +178,15 @@ def first_frames(
 
 
 # Raw images of one second would be 14 MB.
+@pytest.mark.parametrize('begins', ['publisher', 'subscriber'])
 @pytest.mark.parametrize('rate', ['2mbit', '8mbit', '30mbit', '100mbit'])
 def test_nothing_but_video_on_a_slow_link(
         start: Start, tmp_path: Path, tell: Tell, monkeypatch: pytest.MonkeyPatch,
-        rate: str) -> None:
+        rate: str, begins: str) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
     sent = {}
     for transport in ('video', 'auto'):
-        sent[transport], seconds = first_frames(start, tmp_path, rate, transport)
+        sent[transport], seconds = first_frames(start, tmp_path, rate, transport, begins)
         tell(f'{transport} over {rate}: first frame after {seconds:.1f} s, '
              f'{sent[transport] / 1e6:.2f} MB')
     assert sent['auto'] < 1.3 * sent['video']
