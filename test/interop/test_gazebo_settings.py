@@ -252,3 +252,25 @@ def numbers_in(content: str) -> set[str]:
     for element in ET.fromstring(content).iter():
         found |= {numbers(value) for value in (element.text or '', *element.attrib.values())}
     return found
+
+
+@pytest.mark.parametrize(('path', 'content'), [
+    ('link/gravity', '<gravity>1</gravity><turnGravityOff>1</turnGravityOff>'),
+    ('link/self_collide', '<self_collide>1</self_collide><selfCollide>0</selfCollide>'),
+    ('link/velocity_decay/linear', '<velocity_decay><linear>0.5</linear></velocity_decay>'
+     '<dampingFactor>0.1</dampingFactor>'),
+    ('link/collision/max_contacts', '<maxContacts>3</maxContacts><collision><max_contacts>5'
+     '</max_contacts></collision>'),
+    ('link/collision/surface/friction/ode/mu', '<mu1>3</mu1></gazebo><gazebo reference="a">'
+     '<collision><surface><friction><ode><mu>5</mu></ode></friction></surface></collision>')])
+def test_the_first_of_repeated_elements_is_that_of_gazebo(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], path: str, content: str) -> None:
+    file = tmp_path / 'r.urdf'
+    file.write_text(f'<robot name="r">{BODY.format("a")}<gazebo reference="a">{content}</gazebo>'
+                    '</robot>')
+    gazebo = subprocess.run(['ign', 'sdf', '-p', str(file)], capture_output=True, text=True,
+                            timeout=LONGEST_SECONDS, check=True).stdout
+    assert urdf_to_sdf([str(file), '--sdf-version', '1.9']) == 0
+    first, ours = (numbers(ET.fromstring(text).findtext(f'model/{path}', ''))
+                   for text in (gazebo, capsys.readouterr().out))
+    assert first and ours == first

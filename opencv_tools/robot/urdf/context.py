@@ -60,7 +60,7 @@ class Extracted:
         if values is None:
             return extension
         sdf = etree.Element(owner) if extension.sdf is None else detached(extension.sdf)
-        merge_unread(sdf, values, marked=True)
+        merge_unread(sdf, values, marked=True, in_front=True)
         return extension.with_sdf(sdf)
 
 
@@ -77,7 +77,8 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extract
                         'or joint of the robot; the element is preserved unchanged')
         copy = detached(block.element)
         copy.text = None
-        for element in list(copy.iterchildren(etree.Element)):
+        # Settings replace the values of <visual>, <collision> and <physics> in their block.
+        for element in sorted(copy.iterchildren(etree.Element), key=_is_setting):
             flaw = _extract(element, owners, root.get('name', ''), tree, extracted, report)
             if flaw is None:
                 copy.remove(element)
@@ -107,7 +108,7 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
             flaw = fragment_flaw(element)
             if not flaw:
                 values = extracted.values.setdefault((holder, owner.name), etree.Element(holder))
-                merge_unread(values, _as_parts(element, holder), marked=True)
+                merge_unread(values, _as_parts(element, holder), marked=True, in_front=True)
                 report.preserve(tag, owner.name, line_of(element),
                                 f'moved from <gazebo> into each {tag} of the {owner.kind}')
             return flaw or None
@@ -134,6 +135,10 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
             return flaw or None
     is_known = not owners or tag in PRESERVING_TAGS or tag.startswith('{')
     return '' if is_known else 'has no effect in SDF'
+
+
+def _is_setting(element: Element) -> bool:
+    return any(tag == element.tag for _, tag in SETTING_OF)
 
 
 def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:

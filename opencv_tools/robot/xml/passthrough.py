@@ -41,13 +41,15 @@ URDF_JOINT_TYPE = f'{URDF_TAG}type'
 _OTHER_FORMAT = {'urdf': 'SDF', 'sdf': 'URDF'}
 
 
-def merge_unread(element: Element, unread: Element | None, *, marked: bool = False) -> None:
+def merge_unread(element: Element, unread: Element | None, *, marked: bool = False,
+                 in_front: bool = False) -> None:
     """
     Add unread XML to an element of the same format.
 
     :param element: element that was written from the model; it is changed.
     :param unread: result of `TrackedElement.unread`.
     :param marked: whether to keep ``PARTLY_READ``, because the element is itself preserved.
+    :param in_front: whether a child precedes others with its tag, of which the first counts.
     """
     if unread is None:
         return
@@ -60,13 +62,16 @@ def merge_unread(element: Element, unread: Element | None, *, marked: bool = Fal
     for child in unread:
         target = written.get(child.tag) if PARTLY_READ in child.attrib else None
         if target is not None:
-            merge_unread(target, child, marked=marked)
+            merge_unread(target, child, marked=marked, in_front=in_front)
         elif child.get(PARTLY_READ) != TEXT_READ or _is_repeated(child):
             # An element whose text is gone is left out, unless another one would take its place.
             copy = detached(child)
             if not marked:
                 etree.strip_attributes(copy, PARTLY_READ)
-            element.append(copy)
+            if in_front and child.tag in written:
+                written[child.tag].addprevious(copy)
+            else:
+                element.append(copy)
 
 
 def _is_repeated(element: Element) -> bool:

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from lxml import etree
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions, UrdfOptions
 from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.urdf.reader import read_urdf
@@ -184,4 +185,19 @@ def test_velocity_decay_of_two_values_stays_as_it_is(decay: str) -> None:
     urdf, report = urdf_of(f'<velocity_decay>{decay}</velocity_decay>')
     kept, = urdf.findall('gazebo/velocity_decay')
     assert ''.join(f'<{child.tag}>{child.text}</{child.tag}>' for child in kept) == decay
+    assert report.warnings == []
+
+
+@pytest.mark.parametrize('content', [
+    '<gravity>false</gravity><gravity>true</gravity>',
+    '<self_collide>true</self_collide><self_collide>false</self_collide>',
+    collision('<max_contacts>3</max_contacts><max_contacts>9</max_contacts>'),
+    collision('<laser_retro>1</laser_retro><laser_retro>2</laser_retro>')])
+def test_order_of_repeated_elements(content: str) -> None:
+    report = Report()
+    robot = read_urdf(parse(to_bytes(urdf_of(content)[0]), 'r.urdf', report), report)
+    sdf = convert_to_sdf(robot, report, SdfOptions(inertial='zero'))[0]
+    first, second = etree.fromstring(f'<a>{content}</a>').iter(
+        'gravity', 'self_collide', 'max_contacts', 'laser_retro')
+    assert [leaf.text for leaf in sdf.iter(first.tag)] == [first.text, second.text]
     assert report.warnings == []
