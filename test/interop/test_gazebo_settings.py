@@ -41,7 +41,8 @@ COMPARED = {'collision': ('surface', 'max_contacts', 'laser_retro'),
 # implicitSpringDamper once more under its deprecated name.
 DEFAULTS = {'axis/dynamics/spring_reference': 0.0, 'axis/dynamics/spring_stiffness': 0.0,
             'physics/ode/limit/cfm': 0.0, 'physics/ode/limit/erp': 0.2}
-DEPRECATED = 'physics/ode/cfm_damping'
+# The second one is not defined by SDF, and newer versions of libsdformat refuse it.
+DEPRECATED = 'physics/ode/cfm_damping', 'physics/ode/provide_feedback'
 BODY = """<link name="{0}"><inertial><mass value="2"/>
 <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
 <collision><geometry><sphere radius="0.5"/></geometry></collision></link>"""
@@ -257,6 +258,8 @@ def numbers_in(content: str) -> set[str]:
 @pytest.mark.parametrize(('path', 'content'), [
     ('link/gravity', '<gravity>1</gravity><turnGravityOff>1</turnGravityOff>'),
     ('link/self_collide', '<self_collide>1</self_collide><selfCollide>0</selfCollide>'),
+    ('static', '</gazebo><gazebo><static>1</static><static>0</static>'),
+    ('static', '</gazebo><gazebo><static>0</static></gazebo><gazebo><static>1</static>'),
     ('link/velocity_decay/linear', '<velocity_decay><linear>0.5</linear></velocity_decay>'
      '<dampingFactor>0.1</dampingFactor>'),
     ('link/collision/max_contacts', '<maxContacts>3</maxContacts><collision><max_contacts>5'

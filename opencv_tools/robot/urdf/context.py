@@ -46,7 +46,7 @@ class Extracted:
     The SDF of the ``<gazebo>`` blocks.
 
     :param moved: elements that SDF has in the model, link or joint, by that.
-    :param values: values of settings, by the tag in `settings.Setting.owner` and its name.
+    :param values: values of settings, by `settings.Setting.owner` and a name.
     :param remaining: the blocks with what remains in them.
     """
 
@@ -198,7 +198,8 @@ class UrdfContext:
 
     def robot_extension(self, root: TrackedElement) -> Extension:
         """Return the XML of the robot that the model does not represent."""
-        return _extension(root, self.gazebo.moved.get(MODEL, []), self.gazebo.remaining)
+        extension = _extension(root, self.gazebo.moved.get(MODEL, []), self.gazebo.remaining)
+        return self.gazebo.with_settings(extension, *MODEL)
 
 
 def read_context(root: TrackedElement, report: Report, version: str) -> UrdfContext:

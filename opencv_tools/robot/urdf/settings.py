@@ -26,24 +26,24 @@ from typing import TypeVar
 
 from lxml import etree
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
-from opencv_tools.robot.model import FrameId, Joint, Link, Robot, Shape
+from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Robot, Shape
 from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO_LINES, SCRIPT
 from opencv_tools.robot.xml.document import detached, Element, PARTLY_READ
 from opencv_tools.robot.xml.report import Report
 
-_Holder = TypeVar('_Holder', Shape, Link, Joint)
+_Holder = TypeVar('_Holder', Shape, Link, Joint, Robot)
 _OPPOSITE = {'true': 'false', '1': 'false', 'false': 'true', '0': 'true'}
 
 
 @dataclass(frozen=True)
 class Setting:
     """
-    A setting of a link or joint.
+    A setting of a link, of a joint or of the model.
 
     :param tag: tag in ``<gazebo reference>``.
-    :param owner: element of SDF that has it: ``link``, ``joint``, or ``visual`` or ``collision``
-        for all visuals or collisions of the link.
+    :param owner: element of SDF that has it: ``model``, ``link``, ``joint``, or ``visual`` or
+        ``collision`` for all visuals or collisions of the link.
     :param paths: paths in that element, all with the same value.
     :param is_opposite: whether SDF has the opposite value.
     """
@@ -121,12 +121,13 @@ def take_settings(robot: Robot, report: Report) -> tuple[Robot, dict[FrameId, li
         found = taken.setdefault(FrameId('joint', joint.name), [])
         return _taken('joint', [joint], joint, found, report)[0]
 
+    robot, = _taken('model', [robot], robot, taken.setdefault(MODEL, []), report)
     return replace(robot, links=tuple(map(link_without, robot.links)),
                    joints=tuple(map(joint_without, robot.joints))), taken
 
 
-def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: list[Element],
-           report: Report) -> list[_Holder]:
+def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint | Robot,
+           found: list[Element], report: Report) -> list[_Holder]:
     """Return the holders of settings without those that all of them have with one value."""
     if all(holder.extension.sdf is None for holder in holders):
         return list(holders)
@@ -142,8 +143,8 @@ def _taken(kind: str, holders: Sequence[_Holder], owner: Link | Joint, found: li
         if len(texts) > 1 or not all(leaves):
             is_shape = kind in ('visual', 'collision')
             place = f'all {kind}s of the link' if is_shape else f'the whole {kind}'
-            report.warn(setting.tag, owner.name, owner.line, 'is preserved without effect: URDF '
-                        f'has one value of <{setting.paths[0]}> for {place}')
+            report.warn(setting.tag, owner.name, getattr(owner, 'line', 0), 'is preserved '
+                        f'without effect: URDF has one value of <{setting.paths[0]}> for {place}')
             continue
         element = etree.Element(setting.tag)
         element.text = setting.converted(texts.pop())

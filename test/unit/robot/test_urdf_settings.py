@@ -64,13 +64,15 @@ def collision(surface: str, name: str = 'c') -> str:
 def test_every_setting_there_and_back(setting: Setting) -> None:
     tag, owner = setting.tag, setting.owner
     flags = ('selfCollide', 'turnGravityOff', 'cfmDamping', 'implicitSpringDamper',
-             'provideFeedback')
+             'provideFeedback', 'static')
     text = '0 1 0' if tag == 'fdir1' else 'true' if tag in flags else '0.5'
-    reference = 'j' if owner == 'joint' else 'a'
-    model, report = sdf_of(f'<gazebo reference="{reference}"><{tag}>{text}</{tag}></gazebo>')
+    reference = {'joint': 'j', 'model': None}.get(owner, 'a')
+    attribute = f' reference="{reference}"' if reference else ''
+    model, report = sdf_of(f'<gazebo{attribute}><{tag}>{text}</{tag}></gazebo>')
     assert [note.message for note in report.warnings] == []
     is_shape = owner in ('visual', 'collision')
     prefix = f'link/{owner}' if is_shape else f'{owner}[@name="{reference}"]'
+    prefix = prefix if reference else '.'
     expected = 'false' if tag == 'turnGravityOff' else text
     for path in setting.paths:
         found = model.xpath(f'{prefix}/{path}/text()')
@@ -201,3 +203,12 @@ def test_order_of_repeated_elements(content: str) -> None:
         'gravity', 'self_collide', 'max_contacts', 'laser_retro')
     assert [leaf.text for leaf in sdf.iter(first.tag)] == [first.text, second.text]
     assert report.warnings == []
+
+
+def test_order_of_repeated_static() -> None:
+    robot = read_model('<link name="a"/><static>1</static><static>0</static>')
+    urdf = convert_to_urdf(robot, Report(), UrdfOptions(inertial='zero'))
+    assert settings_in(urdf) == [(None, 'static', '1')]
+    robot = read_urdf(parse(to_bytes(urdf), 'r.urdf', Report()), Report())
+    sdf = convert_to_sdf(robot, Report(), SdfOptions(inertial='zero'))[0]
+    assert [leaf.text for leaf in sdf.iter('static')] == ['1', '0']
