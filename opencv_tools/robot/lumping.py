@@ -186,7 +186,7 @@ class _Merging:
         for link in robot.links:
             if hosts[link.name] != link.name:
                 others.setdefault(hosts[link.name], []).append(link)
-        links = tuple(self._with_members(link, others.get(link.name, ()))
+        links = tuple(self._with_members(link, others.get(link.name, ()), report)
                       for link in robot.links if hosts[link.name] == link.name)
         joints = [self._between_hosts(joint) for joint in robot.joints
                   if hosts[joint.parent] != hosts[joint.child]]
@@ -238,7 +238,7 @@ class _Merging:
         joint = replace(joint, parent=self.hosts[joint.parent], child=self.hosts[joint.child])
         return _marked(joint, marks) if marks and self.is_marked else joint
 
-    def _with_members(self, host: Link, others: Sequence[Link]) -> Link:
+    def _with_members(self, host: Link, others: Sequence[Link], report: Report) -> Link:
         """Return a link with the inertials, shapes and sensors of other links merged into it."""
         if not others:
             return host
@@ -256,11 +256,15 @@ class _Merging:
                 copy = _posed_in(element, link.name)
                 for collision in copy.iterfind('contact/collision'):
                     collision.text = names.get((collision.text or '').strip(), collision.text)
+                held = sdf.find(element.tag) if element.tag in _SINGLE else None
+                if held is not None and ''.join(held.itertext()) != ''.join(copy.itertext()):
+                    report.warn(str(element.tag), link.name, link.line, 'has no effect: link '
+                                f'{host.name!r}, which holds this frame, has another value')
                 if self.is_marked:
                     copy.set(_LINK, link.name)
-                    sdf.append(copy)
-                    copy.tag = URDF_TAG + copy.tag if copy.tag in _SINGLE else copy.tag
-                elif element.tag not in _SINGLE or sdf.find(element.tag) is None:
+                    if held is not None or element.tag == 'inertial':
+                        copy.tag = URDF_TAG + str(element.tag)
+                if self.is_marked or held is None:
                     sdf.append(copy)
         inertials = [link.inertial for link in (host, *others) if link.inertial]
         return replace(

@@ -23,7 +23,7 @@ import subprocess
 from typing import Any
 import xml.etree.ElementTree as ET
 
-from opencv_tools.robot.cli import urdf_to_sdf
+from opencv_tools.robot.cli import sdf_to_urdf, urdf_to_sdf
 import pytest
 from waiting import LONGEST_SECONDS
 
@@ -277,3 +277,31 @@ def test_the_first_of_repeated_elements_is_that_of_gazebo(
     first, ours = (numbers(ET.fromstring(text).findtext(f'model/{path}', ''))
                    for text in (gazebo, capsys.readouterr().out))
     assert first and ours == first
+
+
+@pytest.mark.parametrize(('path', 'content', 'other'), [
+    ('gravity', '<turnGravityOff>1</turnGravityOff>', '<turnGravityOff>0</turnGravityOff>'),
+    ('self_collide', '<selfCollide>1</selfCollide>', '<selfCollide>0</selfCollide>'),
+    ('velocity_decay/linear', '<dampingFactor>0.2</dampingFactor>',
+     '<dampingFactor>0.3</dampingFactor>')])
+def test_settings_of_a_link_that_becomes_a_frame(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], path: str, content: str, other: str
+) -> None:
+    file, text = tmp_path / 'r.urdf', (
+        f'<robot name="r">{BODY.format("a")}<link name="b"/><joint name="j" type="fixed"><parent '
+        f'link="a"/><child link="b"/></joint><gazebo reference="b">{content}</gazebo>')
+    file.write_text(f'{text}</robot>')
+    gazebo = subprocess.run(['ign', 'sdf', '-p', str(file)], capture_output=True, text=True,
+                            timeout=LONGEST_SECONDS, check=True).stdout
+    assert urdf_to_sdf([str(file), '--sdf-version', '1.9']) == 0
+    sdf = capsys.readouterr().out
+    first, ours = (numbers(ET.fromstring(one).findtext(f'model/link/{path}', ''))
+                   for one in (gazebo, sdf))
+    assert first and ours == first
+    (tmp_path / 'r.sdf').write_text(sdf)
+    assert sdf_to_urdf([str(tmp_path / 'r.sdf')]) == 0
+    blocks = ET.fromstring(capsys.readouterr().out).findall('gazebo')
+    assert [block.get('reference') for block in blocks] == ['b']
+    file.write_text(f'{text}<gazebo reference="a">{other}</gazebo></robot>')
+    assert urdf_to_sdf([str(file)]) == 0
+    assert "'b': has no effect: link 'a'" in capsys.readouterr().err
