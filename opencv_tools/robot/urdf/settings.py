@@ -166,7 +166,8 @@ def _shared(owners: Sequence[Element], tags: Sequence[str]) -> list[Element]:
     for child in owners[0].findall('*') if owners else ():
         alike = [twin for owner in owners for twin in owner.findall(str(child.tag))
                  if etree.tostring(twin, method='c14n') == etree.tostring(child, method='c14n')]
-        if child.tag in tags and len(alike) == len(owners):
+        is_one = child.tag == 'plugin' or len(owners[0].findall(str(child.tag))) == 1
+        if child.tag in tags and is_one and len(alike) == len(owners):
             copy = detached(child)
             etree.strip_attributes(copy, PARTLY_READ)
             shared.append(copy)
@@ -177,7 +178,9 @@ def _shared(owners: Sequence[Element], tags: Sequence[str]) -> list[Element]:
 
 def _leaves(owner: Element | None, setting: Setting) -> list[Element]:
     """Return the elements that have the one value of a setting; empty if they do not."""
-    found = [] if owner is None else [owner.find(path) for path in setting.paths]
+    # Of several elements with one tag, libsdformat reads the first one.
+    found = [] if owner is None else [
+        owner.find(path.replace('/', '[1]/')) for path in setting.paths]
     leaves = [leaf for leaf in found if leaf is not None and not leaf.attrib and not len(leaf)]
     if setting.owner == 'visual':  # other scripts are in other files
         leaves = [leaf for leaf in leaves if (parent := leaf.getparent()) is not None
@@ -194,5 +197,6 @@ def _remove(element: Element) -> None:
     parent.remove(element)
     if parent.tag == 'script':
         parent[:] = [child for child in parent if child.text != SCRIPT]
-    if not len(parent) and not set(parent.attrib) - {PARTLY_READ}:
+    is_first = next(parent.itersiblings(str(parent.tag)), None) is not None
+    if not len(parent) and not set(parent.attrib) - {PARTLY_READ} and not is_first:
         _remove(parent)

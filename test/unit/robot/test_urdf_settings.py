@@ -212,3 +212,18 @@ def test_order_of_repeated_static() -> None:
     robot = read_urdf(parse(to_bytes(urdf), 'r.urdf', Report()), Report())
     sdf = convert_to_sdf(robot, Report(), SdfOptions(inertial='zero'))[0]
     assert [leaf.text for leaf in sdf.iter('static')] == ['1', '0']
+
+
+@pytest.mark.parametrize('content', [
+    '<surface><friction><ode><mu>0.2</mu></ode></friction></surface>'
+    '<surface><contact><ode><kp>5</kp></ode></contact></surface>',
+    '<surface><contact><ode><kd>3</kd></ode></contact></surface>'
+    '<surface><bounce><threshold>7</threshold></bounce></surface>'])
+def test_second_surface_stays_without_an_effect(content: str) -> None:
+    urdf = urdf_of(collision(content))[0]
+    assert [tag for _, tag, _ in settings_in(urdf)] in (['mu1'], ['kd'])
+    robot = read_urdf(parse(to_bytes(urdf), 'r.urdf', Report()), Report())
+    sdf = convert_to_sdf(robot, Report(), SdfOptions(inertial='zero'))[0]
+    assert [[leaf.text for leaf in surface.iter() if not len(leaf)]
+            for surface in sdf.iter('surface')] == [[leaf.text] for leaf in etree.fromstring(
+                f'<a>{content}</a>').iter('mu', 'kd', 'kp', 'threshold')]
