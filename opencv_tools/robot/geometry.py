@@ -53,6 +53,11 @@ class Capsule:
     radius: float
     length: float
 
+    @property
+    def cylinder(self) -> Cylinder:
+        """Cylinder of the same length, for versions of formats without capsules."""
+        return Cylinder(self.radius, self.length + 2 * self.radius)
+
 
 @dataclass(frozen=True)
 class Mesh:

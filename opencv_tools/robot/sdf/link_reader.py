@@ -105,17 +105,22 @@ def _read_geometry(shape: TrackedElement, context: SdfContext) -> Geometry | Non
         context.report.warn(local_name(shape), required_name(shape), line_of(shape),
                             'has no <geometry>')
         return None
-    capsule = element.take_first(_URDF_CAPSULE)
-    if capsule is not None:
-        element.take_first('cylinder')  # the writer put it in place of the capsule
-        return Capsule(number(capsule.get('radius'), capsule, 'radius'),
-                       number(capsule.get('length'), capsule, 'length'))
+    preserved = element.take_first(_URDF_CAPSULE)  # the writer put a cylinder in its place
     children = list(element.element.iterchildren(*GEOMETRIES))
     for ignored in children[1:]:
         context.report.warn(local_name(ignored), required_name(shape), line_of(ignored),
                             'ignored: only the first shape of a <geometry> is read')
     child = element.find(str(children[0].tag)) if children else None
-    return _read_known_geometry(child, context) if child else None
+    geometry = _read_known_geometry(child, context) if child else None
+    if preserved is None:
+        return geometry
+    capsule = Capsule(*(number(preserved.get(name), preserved, name)
+                        for name in ('radius', 'length')))
+    if geometry == capsule.cylinder:
+        return capsule
+    context.report.warn('capsule', required_name(shape), line_of(preserved),
+                        'is ignored: the shape in its place was edited')
+    return geometry
 
 
 def _read_known_geometry(element: TrackedElement, context: SdfContext) -> Geometry:

@@ -22,7 +22,7 @@ import math
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, Cylinder, Geometry
+from opencv_tools.robot.geometry import Capsule, Geometry
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -189,8 +189,7 @@ def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> N
     elif isinstance(geometry, Capsule) and context.version < CAPSULE:
         etree.SubElement(parent, f'{URDF_TAG}capsule',
                          radius=number_text(geometry.radius), length=number_text(geometry.length))
-        length = geometry.length + 2 * geometry.radius
-        _write_supported_geometry(parent, Cylinder(geometry.radius, length))
+        _write_supported_geometry(parent, geometry.cylinder)
         context.report.warn('capsule', shape.name, shape.line,
                             f'not supported by SDF {context.version}; written as a cylinder of '
                             'the same length, and preserved as <urdf:capsule>')

@@ -26,7 +26,7 @@ import math
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.geometry import Geometry, GEOMETRIES, Mesh, SOLIDS
+from opencv_tools.robot.geometry import Capsule, Geometry, GEOMETRIES, Mesh, SOLIDS
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
@@ -116,10 +116,7 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     for other in others:
         report.warn(local_name(other), link, line_of(other),
                     'is ignored; a geometry has one shape')
-    capsule = parent.take_first(f'{SDF_TAG}capsule')  # the writer put a cylinder in its place
-    if capsule is not None:
-        parent.take_first(str(first.tag))
-        return _solid(capsule)
+    preserved = parent.take_first(f'{SDF_TAG}capsule')  # the writer put a cylinder in its place
     element = required_child(parent, str(first.tag))
     for name in ('size', 'radius', 'length'):
         text = element.element.get(name, '')
@@ -132,7 +129,15 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
     if element.tag == 'mesh' and len(scale.split()) == 1:
         report.warn('mesh', link, line_of(element),
                     f'scale={scale!r} is one number; it is used for all three axes')
-    return _mesh(element) if element.tag == 'mesh' else _solid(element)
+    geometry = _mesh(element) if element.tag == 'mesh' else _solid(element)
+    if preserved is None:
+        return geometry
+    capsule = Capsule(*(required_number(preserved, name) for name in ('radius', 'length')))
+    if geometry == capsule.cylinder:
+        return capsule
+    report.warn('capsule', link, line_of(preserved), 'is ignored: the shape in its place was '
+                'edited')
+    return geometry
 
 
 def _mesh(element: TrackedElement) -> Mesh:

@@ -26,7 +26,7 @@ import math
 from typing import TypeVar
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, Cylinder
+from opencv_tools.robot.geometry import Capsule
 from opencv_tools.robot.joint_kinds import URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -233,7 +233,7 @@ def _shape_element(parent: Element, tag: str, shape: Shape, link: Link, context:
         if isinstance(kind, Capsule) and context.version == OLDEST:
             etree.SubElement(parent, f'{SDF_TAG}capsule', {
                 key: number_text(value) for key, value in vars(kind).items()})
-            kind = Cylinder(kind.radius, kind.length + 2 * kind.radius)
+            kind = kind.cylinder
             report.warn('capsule', name, shape.line, 'not supported by URDF 1.0; written as a '
                         'cylinder of the same length')
             report_preserved(report, 'sdf', name, shape.line, 'capsule')

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from opencv_tools.robot.geometry import Box, Mesh, Sphere
+from opencv_tools.robot.geometry import Box, Capsule, Cylinder, Geometry, Mesh, Sphere
 from opencv_tools.robot.xml.report import Report
 from rows import each_row
 from urdf_models import BOX, check_error, read, round_trip, visual, written
@@ -84,3 +84,16 @@ def test_foreign_elements_beside_a_geometry() -> None:
         assert shape.geometry == Sphere(0.1) and shape.extension.urdf is not None
         assert [child.tag for child in shape.extension.urdf.find('geometry')] == [  # type: ignore
             '{urn:opencv_tools:sdf}cone', '{urn:opencv_tools:sdf}plane']
+
+
+@each_row(('radius', 'length', 'expected'), [
+    (0.25, 1.0, Capsule(0.25, 0.5)), (0.25, 1.5, Cylinder(0.25, 1.5)),
+    (0.3, 1.0, Cylinder(0.3, 1.0))])
+def test_preserved_capsule_of_an_edited_cylinder(
+        radius: float, length: float, expected: Geometry) -> None:
+    report = Report()
+    model = read(visual(
+        f'<geometry><cylinder radius="{radius}" length="{length}"/><capsule radius="0.25" '
+        'length="0.5" xmlns="urn:opencv_tools:sdf"/></geometry>'), report)
+    assert model.links[0].visuals[0].geometry == expected
+    assert len(report.warnings) == isinstance(expected, Cylinder)
