@@ -21,10 +21,13 @@ effort and velocity optional, and added limits of acceleration, deceleration and
 
 from __future__ import annotations
 
+import re
+
 from opencv_tools.robot.xml.document import Element, line_of
 from opencv_tools.robot.xml.report import Report
 
 _OWNER = 'string(ancestor::*[@name][1]/@name)'  # the nearest element with a name
+_VERSION = re.compile(r'\s*\+?([0-9]{1,9})\.([0-9]{1,9})')  # as C++ reads two numbers
 VERSIONS = ('1.0', '1.1', '1.2')
 OLDEST, ROTATIONS, OPTIONAL_LIMITS = VERSIONS
 # The first version with an attribute, by the tag of its element.
@@ -39,10 +42,13 @@ def apply_version(root: Element, report: Report) -> str:
     :param root: the element ``<robot>``; it is changed.
     """
     text = root.get('version', OLDEST)
-    version = text if text in VERSIONS else VERSIONS[-1] if text > VERSIONS[-1] else OLDEST
-    if text != version:
+    match = _VERSION.fullmatch(text)
+    number = '.'.join(str(int(part)) for part in match.groups()) if match else text
+    version = number if number in VERSIONS else VERSIONS[-1] if text > VERSIONS[-1] else OLDEST
+    if number != version:
         report.warn('robot', root.get('name', ''), line_of(root), f'version={text!r} is refused '
                     f'by the parser of URDF; the file is read as {version!r}')
+    if 'version' in root.attrib:
         root.set('version', version)
     omit_newer(root, version, report)
     for element in root.iter('capsule') if version < ROTATIONS else ():

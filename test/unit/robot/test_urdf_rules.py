@@ -66,14 +66,16 @@ def test_invalid_numbers_of_joints(content: str, message: str) -> None:
 
 
 @each_row(('version', 'back'), [
-    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.2')])
+    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.2'), ('1.10', '1.0'),
+    ('01.1', '1.1'), ('1.01', '1.1'), (' +1.2', '1.2')])
 def test_version_of_urdf(version: str, back: str) -> None:
     text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
     report = Report()
     model = read_urdf(parse(text.encode(), 'r.urdf', Report()), report)
     root = convert_to_urdf(model, report, UrdfOptions(inertial='zero'))
     assert root.get('version') == back
-    assert [version in note.message for note in report.warnings] == [True] * (version != back)
+    assert [version in note.message for note in report.warnings] == [True] * (
+        version in ('1', '2.0', '1.10'))
 
 
 def test_unique_names_of_shared_materials() -> None:
