@@ -72,10 +72,11 @@ def _restore_sdf(root: Element) -> None:
 def _complete_limits(root: Element, version: str) -> None:
     """Write the effort and velocity of limits that have none; they mean no limit."""
     for limit in _joint_elements(root, 'limit'):
-        for name in ('effort', 'velocity'):
-            # A negative number means no limit too, but URDF 1.2 refuses it.
-            if name not in limit.attrib or (
-                    version >= OPTIONAL_LIMITS and limit.get(name, '').strip()[:1] == '-'):
+        limit.attrib.update({name: number_text(UNLIMITED) for name in ('effort', 'velocity')
+                             if name not in limit.attrib})
+        # A negative number means no limit too, but URDF 1.2 refuses it.
+        for name in _NUMBERS['limit'][2:] if version >= OPTIONAL_LIMITS else ():
+            if limit.get(name, '').strip()[:1] == '-':
                 limit.set(name, number_text(UNLIMITED))
 
 

@@ -142,6 +142,14 @@ def test_negative_effort_by_version(version: str, written: list[str]) -> None:
     assert root.xpath('joint/limit/@effort | joint/limit/@velocity') == written
 
 
+def test_negative_acceleration_means_no_limit() -> None:
+    limit = '<limit lower="0" upper="1" acceleration="-2" deceleration="-0.5" jerk="4"/>'
+    data = f'<robot name="r" version="1.2">{joint(limit, "revolute")}</robot>'.encode()
+    robot = read_urdf(parse(data, 'r.urdf', Report()), Report())
+    root = convert_to_urdf(robot, Report(), UrdfOptions(version='1.2'))
+    assert root.xpath('joint/limit/@*[position() > 4]') == ['1e+16', '1e+16', '4']
+
+
 def test_order_of_limits_by_version() -> None:
     text = joint('<limit lower="2" upper="1" effort="1" velocity="3"/>', 'revolute')
     robot = read_text(text)
