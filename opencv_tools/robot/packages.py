@@ -36,9 +36,15 @@ def is_package(folder: Path, name: str) -> bool:
 
 
 def package_folders(path: Path) -> Iterator[Path]:
-    """Return the folders above a file with a ``package.xml``, the nearest first."""
-    return (folder for folder in islice(path.absolute().parents, _MAX_ABOVE)
-            if (folder / _MANIFEST).is_file())
+    """
+    Return the folders above a file with a ``package.xml``, the nearest first.
+
+    Those above the target of a link follow.
+    """
+    places = path.absolute(), Path(os.path.realpath(path))
+    above = dict.fromkeys(folder for place in places for folder in islice(
+        place.parents, _MAX_ABOVE))
+    return (folder for folder in above if (folder / _MANIFEST).is_file())
 
 
 def package_name(folder: Path) -> str:

@@ -284,7 +284,9 @@ def test_own_package_without_a_workspace(
     (folder / 'urdf' / 'parts' / 'p.xacro').write_text(f'{HEAD}{part}</robot>')
     monkeypatch.chdir(folder / 'urdf')
     include = '<xacro:include filename="$(find arm_description)/urdf/parts/p.xacro"/>'
-    for path in (folder / 'urdf' / 'a.xacro', Path('a.xacro')):
+    (folder / 'urdf' / 'a.xacro').touch()
+    (tmp_path / 'link.xacro').symlink_to(folder / 'urdf' / 'a.xacro')
+    for path in (folder / 'urdf' / 'a.xacro', Path('a.xacro'), tmp_path / 'link.xacro'):
         root = expanded(path, include)
         assert root.findtext('.//parameters') == (
             f'{folder}/c.yaml' if name == 'arm_description' else 'package://other/c.yaml')
