@@ -34,7 +34,7 @@ from opencv_tools.robot.pose import IDENTITY
 from opencv_tools.robot.sdf.inertia import total_inertial, without_auto
 from opencv_tools.robot.sdf.values import POSED, PRESERVING_TAGS
 from opencv_tools.robot.trees import without_orphan_mimics
-from opencv_tools.robot.xml.document import detached, Element
+from opencv_tools.robot.xml.document import detached, Element, line_of
 from opencv_tools.robot.xml.passthrough import URDF_TAG
 from opencv_tools.robot.xml.report import Report
 
@@ -139,7 +139,23 @@ def _merged(robot: Robot, hosts: Mapping[str, str], report: Report, *, is_marked
     if all(name == host for name, host in hosts.items()):
         return robot
     robot = _with_children_first(robot, hosts)
-    return _Merging(robot, Kinematics(robot), hosts, is_marked).merged(report)
+    merged = _Merging(robot, Kinematics(robot), hosts, is_marked).merged(report)
+    _report_names(merged, {frame.name for frame in merged.frames}, report)
+    return merged
+
+
+def _report_names(robot: Robot, frames: set[str], report: Report) -> None:
+    """Warn of plugins and sensors that name a frame where they may need a link or joint."""
+    owners = {owner.name for owner in robot.links + robot.joints}
+    roots = (part.extension.sdf for part in robot.parts() if part.extension.sdf is not None)
+    for element in (one for root in roots for one in root.iter('{*}*')):
+        holder, name = next(element.iterancestors('plugin', 'sensor'), None), (
+            element.text or '').strip()
+        if holder is not None and name in frames - owners and 'frame' not in str(
+                element.tag).lower():
+            report.warn(str(holder.tag), holder.get('name', ''), line_of(element),
+                        f'<{element.tag!s}> names {name!r}, which is a frame in SDF; a plugin '
+                        'that needs a link or joint does not find it')
 
 
 def _with_children_first(robot: Robot, hosts: Mapping[str, str]) -> Robot:

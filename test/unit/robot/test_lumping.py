@@ -106,6 +106,16 @@ def test_shape_names_with_the_name_of_their_link() -> None:
     assert names == ['base', '', 'plate_base']
 
 
+def test_plugin_that_names_a_frame() -> None:
+    report = Report()
+    plugin = b"""<gazebo><plugin name="imu" filename="i.so"><link_name>plate</link_name>
+        <joint>screws</joint><base>base</base><frame_id>plate</frame_id></plugin></gazebo>"""
+    lump_fixed(urdf(ARM.replace(b'</robot>', plugin + b'</robot>')), report)
+    notes = [note for note in report.warnings if note.element == 'plugin']
+    assert [(note.name, note.message.partition(',')[0]) for note in notes] == [
+        ('imu', "<link_name> names 'plate'"), ('imu', "<joint> names 'screws'")]
+
+
 def test_preserved_fixed_joint() -> None:
     block = b'<gazebo reference="screws"><preserveFixedJoint>true</preserveFixedJoint></gazebo>'
     robot = lump_fixed(urdf(ARM.replace(b'</robot>', block + b'</robot>')), Report())
