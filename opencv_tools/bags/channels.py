@@ -16,20 +16,27 @@
 
 from __future__ import annotations
 
-from opencv_tools.bags.offered_qos import KEEP_LAST, read_offered_qos
+from opencv_tools.bags.offered_qos import KEEP_ALL, KEEP_LAST, read_offered_qos
 from opencv_tools.bags.reading import BagTopic
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.message_types.definition import DefinitionError, read_definition
 
 _TRANSIENT_LOCAL = 1
-_MOST_KEPT = 100
+#: Most messages of a topic that are repeated in the next file of a recording.
+MOST_KEPT = 100
 
 
-def kept_messages(topic: BagTopic | BagChannel) -> int:
-    """Return how many messages the publishers of a topic keep for late subscribers, up to 100."""
-    return min(_MOST_KEPT, sum(
-        max(1, offer.depth if offer.history == KEEP_LAST else _MOST_KEPT)
-        for offer in read_offered_qos(topic.qos) if offer.durability == _TRANSIENT_LOCAL))
+def kept_messages(topic: BagTopic | BagChannel, is_one_publisher: bool = False) -> int:
+    """
+    Return how many messages the publishers of a topic keep for late subscribers, up to 100.
+
+    The depth of a publisher may be unknown, because discovery need not carry it: 1 then.
+
+    :param is_one_publisher: whether those of one publisher are counted, the largest number.
+    """
+    depths = [max(1, {KEEP_LAST: offer.depth, KEEP_ALL: MOST_KEPT}.get(offer.history, 1))
+              for offer in read_offered_qos(topic.qos) if offer.durability == _TRANSIENT_LOCAL]
+    return min(MOST_KEPT, max(depths, default=0) if is_one_publisher else sum(depths))
 
 
 def channel_of(topic: BagTopic) -> BagChannel:

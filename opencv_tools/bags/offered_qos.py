@@ -25,8 +25,8 @@ from opencv_tools.base.units import NANO
 #: The longest duration, which stands for no limit.
 INFINITE_NS = 2**63 - 1
 
-#: The history of a publisher that keeps its last messages.
-KEEP_LAST = 1
+#: The history of a publisher that keeps its last messages, or all.
+KEEP_LAST, KEEP_ALL = 1, 2
 
 # A line of a policy, without quotes; the first one of a publisher begins with a dash.
 _POLICY = re.compile(

@@ -20,7 +20,6 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from pathlib import Path
 import time
 from typing import Any, ClassVar
@@ -28,7 +27,7 @@ import uuid
 
 from opencv_tools.bags.account import (
     account_bytes, account_record, begin_record, Counts, Metadata, REPEATED, WRITTEN)
-from opencv_tools.bags.channels import kept_messages
+from opencv_tools.bags.latched import LatchedMessages
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import (
@@ -105,6 +104,7 @@ class RecordedMessage(Prepared):
     :param log_ns: time of reception in nanoseconds of the system clock.
     :param publish_ns: time of publication in nanoseconds of the system clock.
     :param number: number of the message from its publisher; 0 if unknown.
+    :param publisher: identifier of its publisher; b'' if unknown.
     """
 
     channel: BagChannel
@@ -112,6 +112,7 @@ class RecordedMessage(Prepared):
     log_ns: int
     publish_ns: int
     number: int = 0
+    publisher: bytes = b''
 
     @property
     def size(self) -> int:
@@ -314,8 +315,7 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         self._settings = settings
         self._waiting: deque[RecordedMessage] = deque(maxlen=_MAX_WAITING)
         self._has_video = False  # the last frame
-        # The last messages of each topic that a late subscriber would get, also in a next file.
-        self._latched: dict[BagChannel, deque[RecordedMessage]] = {}
+        self._latched = LatchedMessages[RecordedMessage]()  # each file begins with them
         self._recording = uuid.uuid4().hex
         #: Records of the bag that is copied; None for a recording.
         self.copied: Sequence[Metadata] | None = None
@@ -343,8 +343,8 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         """Create a bag; see `FileFormat`."""
         if self.copied is not None:
             return BagFile(path, room, self.copied)
-        repeated = {channel.topic: len(messages) for channel, messages in self._latched.items()}
-        return BagFile(path, room, [begin_record(self._recording, repeated)], self.losses)
+        begin = begin_record(self._recording, self._latched.counts())
+        return BagFile(path, room, [begin], self.losses)
 
     def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: _Prepared,
               ) -> ManifestEntry:
@@ -381,9 +381,8 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
 
     def _keep_latched(self, messages: Iterable[RecordedMessage]) -> None:
         for message in messages:
-            if message.channel not in self._latched:
-                self._latched[message.channel] = deque(maxlen=kept_messages(message.channel))
-            self._latched[message.channel].append(message)
+            self._latched.keep(message)
+        self.warning = self._latched.warning
 
     def add_message(self, message: RecordedMessage) -> None:
         """Add a message that is not a frame; see `BagSink`."""
@@ -392,7 +391,7 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
     def write_others(self, writer: BagFile, prepared: _Prepared | None) -> None:
         """Write the messages that were received before a frame, or all; see `FileFormat`."""
         if prepared:
-            writer.write_latched(chain.from_iterable(self._latched.values()), prepared.log_ns)
+            writer.write_latched(self._latched, prepared.log_ns)
         with suppress(IndexError):
             while prepared is None or self._waiting[0].log_ns <= prepared.log_ns:
                 writer.write(self._waiting.popleft(), is_frame=False)

@@ -168,7 +168,8 @@ class MessageBatches:
         log_ns = info.received_timestamp or time.time_ns()
         self.add(topic, RecordedMessage(
             channel=topic.channel, parts=(data,), log_ns=log_ns,
-            publish_ns=info.source_timestamp or log_ns, number=info.number))
+            publish_ns=info.source_timestamp or log_ns, number=info.number,
+            publisher=bytes(info.publisher)))
         return True
 
 

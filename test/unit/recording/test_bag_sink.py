@@ -333,6 +333,39 @@ def test_each_file_begins_with_the_latched_messages(
     assert bags.counts.kept == frames - 7
 
 
+@pytest.mark.parametrize(('history', 'depth', 'kept'), [
+    (3, 0, 1), (0, 0, 1), (1, 1, 1), (1, 4, 4), (2, 0, 7), (1, 6, 6)])
+def test_latched_messages_of_each_publisher(
+        history: int, depth: int, kept: int, tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, 'd_{seq:03d}.mcap', limits=Limits(split_seconds=3.0))
+    qos = offered_qos_text([OfferedQos(durability=1, history=history, depth=depth)] * 3)
+    for publisher in (b'a', b'b', b'c'):
+        item = latched(0, 7, '/tf_static')
+        put(bags, replace(item, messages=tuple(
+            replace(one, channel=replace(one.channel, qos=qos), publisher=publisher)
+            for one in item.messages)))
+    for number in range(7, 20):
+        put(bags, frame(number))
+    bags.close()
+    files = recorded_files(tmp_path)
+    assert [of_topic(path, '/tf_static') for path in files[1:]] == [
+        [*range(7 - kept, 7)] * 3] * (len(files) - 1)
+
+
+@pytest.mark.parametrize('publishers', [3, 100, 101, 2000])
+def test_latched_messages_of_many_publishers(publishers: int, tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, 'd_{seq:03d}.mcap', limits=Limits(split_seconds=3.0))
+    for number in range(publishers):
+        item = latched(0, 1, '/map')
+        put(bags, replace(item, messages=tuple(
+            replace(one, publisher=b'%d' % number) for one in item.messages)))
+    put_all(bags, range(7, 20))
+    bags.close()
+    files = recorded_files(tmp_path)
+    assert len(of_topic(files[-1], '/map')) == min(publishers, 100)
+    assert ('/map has more latched messages' in bags.counts.warning) == (publishers > 100)
+
+
 def test_latched_message_is_in_the_file_after_a_full_disk(tmp_path: Path) -> None:
     clock = SteppedClock()
     bags = open_bags(tmp_path, 'd_{seq}.mcap', clock=clock)
