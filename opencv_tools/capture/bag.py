@@ -99,6 +99,9 @@ class BagSource:
             f'{self.rate:.3g} Hz')
         self._messages = self._bag.messages(self._wanted)
         self._next: deque[BagMessage | Damage] = deque()
+        #: Number of images that were not found until the end of the bag, beyond one a damaged part.
+        self.lost = 0
+        self._missing = self.count  # images and damaged parts that were not found yet
         self._skipped_damage: list[BrokenFrameError] = []
         self._last_info: Any = None
 
@@ -134,6 +137,7 @@ class BagSource:
         self._messages = self._bag.messages(self._wanted)
         self._next.clear()
         self._skipped_damage.clear()
+        self._missing = self.count
         self.video.restart()
         self._last_info = None
 
@@ -150,10 +154,13 @@ class BagSource:
             item = self._next.popleft()
             if isinstance(item, Damage):
                 self.video.restart()
+                self._missing -= 1
                 raise BrokenFrameError(item.reason)
             if item.topic == self.topic:
+                self._missing -= 1
                 return item
             self._use_camera_info(item)
+        self.lost = max(0, self._missing)
         return None
 
     def _look_ahead(self) -> bool:

@@ -332,7 +332,8 @@ class _Conversion:
                 sink, self._log, queue_size=threads, writers=threads, block=True)
             is_complete = self._record(recorder, sink, chain((first,), frames))
         counts = recorder.counts
-        failed = counts.failed + self._unreadable
+        lost = source.lost if isinstance(source, BagSource) else 0
+        failed = counts.failed + self._unreadable - (-lost // request.every)
         count, rate = self._progress.count, self._progress.average_rate()
         self._log.info(
             f'Converted {count} frame{"s" * (count != 1)}{f" at {rate:.1f} Hz" if rate else ""}: '

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
+import re
 from typing import Any
 
 from bag_readers import metadata_of
@@ -163,3 +164,23 @@ def test_messages_that_cannot_be_copied_are_failures(tmp_path: Path, capsys: Err
     assert main([str(source), str(tmp_path / 'd.mcap')]) == 0
     assert contents(tmp_path / 'd.mcap') == contents(source)
     assert joints_entry(BEGAN, [0.0, 2.0, 0.0]).data in [one[4] for one in contents(source)]
+
+
+@pytest.mark.parametrize('target', ['b.mcap', 'a_{seq:04d}.jpg'])
+@pytest.mark.parametrize('damaged', [1, 4, 8, 3])
+def test_images_of_damaged_chunks_count_as_failed(
+        damaged: int, target: str, tmp_path: Path, capsys: Errors) -> None:
+    images = [entry for entry in entries(3.0, 7) if entry.topic == FRAMES]
+    source = write_mcap(tmp_path / 'a.mcap', images, chunk_size=20_000)
+    content = bytearray(source.read_bytes())
+    with source.open('rb') as file:
+        summary = make_reader(file).get_summary()
+    assert summary
+    chunks = summary.chunk_indexes[1:1 + damaged]
+    for chunk in chunks:
+        content[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
+    source.write_bytes(content)
+    assert main([str(source), str(tmp_path / target)]) == 1
+    found = re.search(r'Converted (\d+) frames.*, (\d+) failed', capsys.readouterr().err)
+    assert found and int(found[1]) < len(images) - damaged
+    assert int(found[1]) + int(found[2]) == len(images)
