@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 import json
 
 #: Name of the records.
@@ -78,3 +79,34 @@ def has_account(metadata: Sequence[Metadata]) -> bool:
 def _text(metadata: Sequence[Metadata], key: str) -> str:
     """Return the first text with a key in the records of this package; '' if there is none."""
     return next((values[key] for name, values in metadata if name == NAME and key in values), '')
+
+
+class Losses:
+    """The messages that no file has, by topic; each file has those since the one before."""
+
+    def __init__(self) -> None:
+        #: Returns all counts until now; None for a copy, which has the account of its source.
+        self.read: Callable[[], Counts] | None = None
+        self._stored: dict[str, Counter[str]] = {}
+
+    def account(self, written: Counter[str], repeated: Counter[str]) -> Counts:
+        """Return the account of a file."""
+        found = {topic: Counter(of) - self._stored.get(topic, Counter[str]())
+                 for topic, of in (self.read() if self.read else {}).items()}
+        for topic in written | repeated:
+            found.setdefault(topic, Counter()).update(
+                {WRITTEN: written[topic], REPEATED: repeated[topic]})
+        return found
+
+    @property
+    def warning(self) -> str:
+        """Sentence about losses that no file has in its account; '' for none."""
+        count = sum(sum(of.values()) for of in self.account(Counter(), Counter()).values())
+        return '' if count <= 0 else (
+            f'the bags do not have the last {count} losses in their accounts, because no bag was '
+            'written after them; the summary has all')
+
+    def store(self, account: Counts) -> None:
+        """Note that the account of a file is complete in it."""
+        for topic, of in account.items():
+            self._stored.setdefault(topic, Counter()).update(of)

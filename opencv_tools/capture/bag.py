@@ -99,7 +99,7 @@ class BagSource:
             f'{self.rate:.3g} Hz')
         self._messages = self._bag.messages(self._wanted)
         self._next: deque[BagMessage | Damage] = deque()
-        #: Number of images that were not found until the end of the bag, beyond one a damaged part.
+        #: Number of images that the bag has not until its end, beyond one a damaged part.
         self.lost = 0
         self._missing = self.count  # images and damaged parts that were not found yet
         self._skipped_damage: list[BrokenFrameError] = []

@@ -118,8 +118,9 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     for begin, stop, task in _spans(recording, plan, bag, last):
         first = min(int(track.times[0]) for track in tracks.values())
         _check_end(recording, plan, latest, 'first', start - max(begin, first))
-        _check_end(recording, plan, earliest, 'last',
-                   min(stop, last) - int(tracks[earliest].times[-1]))
+        for name, track in tracks.items():
+            if name == earliest or not _is_seldom(track, plan):
+                _check_end(recording, plan, name, 'last', min(stop, last) - int(track.times[-1]))
         times = _row_times(recording, plan, max(begin, start), min(stop - 1, end + TOLERANCE_NS))
         whole = Rows(times, {}, task)
         if len(times):
@@ -151,9 +152,13 @@ def _end_of(track: Track, plan: Plan, last: int) -> int:
     own, gap = int(track.times[-1]), round(plan.max_gap * NANO)
     if last - own > gap:
         return own if plan.ends == SHORTEN else own + gap
-    is_seldom = track.values.shape[1] and (len(track.times) < 2 or (
-        np.median(np.diff(track.times)) > 2 * NANO // plan.fps))
-    return last if is_seldom or last - own > _END_NS else own
+    return last if _is_seldom(track, plan) or last - own > _END_NS else own
+
+
+def _is_seldom(track: Track, plan: Plan) -> bool:
+    """Return whether a topic has numbers that come less often than every second row."""
+    return bool(track.values.shape[1] and (len(track.times) < 2 or (
+        np.median(np.diff(track.times)) > 2 * NANO // plan.fps)))
 
 
 def _check_end(recording: Recording, plan: Plan, name: str, which: str, missing: int) -> None:

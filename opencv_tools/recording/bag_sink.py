@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 import uuid
 
 from opencv_tools.bags.account import (
-    account_bytes, account_record, begin_record, Counts, Metadata, REPEATED, WRITTEN)
+    account_bytes, account_record, begin_record, Counts, Losses, Metadata)
 from opencv_tools.bags.latched import LatchedMessages
 from opencv_tools.bags.writing import BagChannel, BagWriter
 from opencv_tools.base.units import NANO
@@ -156,29 +156,6 @@ class MessageBatch(ReceivedFrame, Prepared):
         return self.messages[0].log_ns
 
 
-class Losses:
-    """The messages that no file has, by topic; each file has those since the one before."""
-
-    def __init__(self) -> None:
-        #: Returns all counts until now; None for a copy, which has the account of its source.
-        self.read: Callable[[], Counts] | None = None
-        self._stored: dict[str, Counter[str]] = {}
-
-    def account(self, written: Counter[str], repeated: Counter[str]) -> Counts:
-        """Return the account of a file."""
-        found = {topic: Counter(of) - self._stored.get(topic, Counter[str]())
-                 for topic, of in (self.read() if self.read else {}).items()}
-        for topic in written | repeated:
-            found.setdefault(topic, Counter()).update(
-                {WRITTEN: written[topic], REPEATED: repeated[topic]})
-        return found
-
-    def store(self, account: Counts) -> None:
-        """Note that the account of a file is complete in it."""
-        for topic, of in account.items():
-            self._stored.setdefault(topic, Counter()).update(of)
-
-
 class BagFile:
     """A bag as a file of frames; see `FileWriter`."""
 
@@ -202,6 +179,7 @@ class BagFile:
         self._losses = losses
         self._written, self._repeated = Counter[str](), Counter[str]()
         self._account_bytes = account_bytes(()) if losses else 0
+        self._is_known = True  # whether all losses until the end of the file are counted
         self._writer = BagWriter(path, metadata)
         self.is_at_path = self._writer.is_at_path
 
@@ -260,9 +238,11 @@ class BagFile:
         if not self._room(self._writer.size_with(message.channel, message.size) + account):
             return False
         self.bytes_waiting = message.size
+        self._is_known = False  # an error loses this message, perhaps without another file
         self._writer.write(
             message.channel, message.parts, log_ns=message.log_ns, publish_ns=message.publish_ns,
             sequence=message.number)
+        self._is_known = True
         self.bytes_waiting, self._account_bytes = 0, account
         counts[topic] += 1
         return True
@@ -275,7 +255,8 @@ class BagFile:
         """
         try:
             account = self._account()
-            self._writer.close([account_record(account)] if account else ())
+            self._writer.close(
+                [account_record(account, self._is_known)] if account else ())
             self.is_finished = True
             if self._losses:
                 self._losses.store(account)
@@ -410,6 +391,14 @@ class BagSink(FileSink[BagFile, _Prepared]):
     ) -> None:
         self._bags = BagFormat(settings)
         super().__init__(folder, numbering, limits, self._bags, monotonic)
+
+    def close(self) -> None:
+        """Finish the bag; see `FileSink`."""
+        try:
+            super().close()
+        finally:
+            if self._paths:
+                self.counts.warning = self._bags.losses.warning or self.counts.warning
 
     def copy_metadata(self, metadata: Sequence[Metadata]) -> None:
         """Write these metadata records of a bag that is copied, with its account."""

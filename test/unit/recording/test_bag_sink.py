@@ -438,6 +438,24 @@ def test_account_after_a_full_disk(room: int, tmp_path: Path) -> None:
     assert unknown[0][0]['unknown'] == 'losses: the recorder was killed or the disk was full'
 
 
+@pytest.mark.parametrize('lost', [1, 40, 300, 7])
+def test_account_of_a_full_disk_without_a_next_bag(lost: int, tmp_path: Path) -> None:
+    bags = open_bags(tmp_path, clock=SteppedClock())
+    bags.read_losses(lambda: {CHANNEL.topic: {'failed': failed}})
+    failed = 0
+    put_all(bags, range(5))
+    with disk_of(recorded_files(tmp_path)[0].stat().st_size + 1000):
+        for number in range(lost):
+            with pytest.raises(OSError):
+                put(bags, frame(5 + number, 30_000))
+            failed += 1
+    bags.close()
+    path, = recorded_files(tmp_path)
+    assert account_of([path]) == {CHANNEL.topic: {'written': 5}}
+    assert [('unknown' in values) for _, values in metadata_of(path)][-1]
+    assert bags.counts.warning.startswith(f'the bags do not have the last {lost} losses')
+
+
 @pytest.mark.parametrize('frames', [1, 5, 60, 23])
 def test_account_of_a_killed_recording(frames: int, tmp_path: Path) -> None:
     bags = open_bags(tmp_path, 'd_{seq}.mcap', limits=Limits(split_seconds=7.0))
