@@ -141,7 +141,8 @@ def _open_pictures(plan: Plan, recording: Recording, name: str, samples: Sequenc
     ahead = int((latest - np.arange(len(places))).max() + (latest - places).max())
     if ahead > _MOST_AHEAD:
         raise DatasetError(f'{name} has pictures {ahead} places before those with earlier stamps, '
-                           f'at most {_MOST_AHEAD} are possible; use --clock log')
+                           f'at most {_MOST_AHEAD} are possible; use --clock log, or leave this '
+                           'time out by the times in --episodes TABLE.csv')
     found = bag_pictures(recording.bag, track.topic, np.sort(messages).tolist(),
                          is_depth=name in plan.depth, kept=ahead + 1)
     return _in_order(found, places.tolist())

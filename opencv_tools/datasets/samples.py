@@ -170,6 +170,7 @@ def _array_names(value: NDArray[Any], parent: Any) -> list[str]:
 
 # A stamp that is further from the one before than the times of the recording is a jump.
 _JUMP_NS = NANO // 2
+_STAY = 10  # messages on each side of a step of the clock
 _STAMP_AT = 4  # offset in CDR of a stamp at the begin of a message
 LOG_REMEDY = 'use --clock log for the times of the recording'
 
@@ -264,6 +265,33 @@ class Samples:
                         for times in (self.stamps, self.logs))
         return stamps / logs if logs > 0 else 1.0
 
+    @property
+    def log_jump(self) -> int:
+        """Largest jump in nanoseconds of the times of the recording alone; 0 for none."""
+        logs, stamps = np.sort(integers(self.logs)), np.sort(integers(self.stamps))
+        if len(logs) < 2 or not stamps.all():
+            return 0
+        longest = int(np.diff(logs).max())
+        return longest if longest > int(np.diff(stamps).max()) + _JUMP_NS and (
+            np.diff(integers(self.stamps)) < -_JUMP_NS).any() else 0
+
+    @property
+    def step_back(self) -> str:
+        """Sentence about stamps that step back and stay behind; '' if they do not."""
+        logs, stamps = integers(self.logs), integers(self.stamps)
+        if len(logs) < 2 * _STAY:
+            return ''
+        late, steps = np.lib.stride_tricks.sliding_window_view(logs - stamps, _STAY), np.diff(
+            stamps)
+        places = np.flatnonzero(steps[_STAY - 1:len(steps) - _STAY + 1] < 0)
+        before = np.quantile(late[places], 0.75, axis=1)
+        after = np.quantile(late[places + _STAY], 0.25, axis=1)
+        found = places[after - before > -steps[places + _STAY - 1]] + _STAY - 1
+        return '' if not len(found) else (
+            f'the stamps step back by {-steps[found[0]] / NANO:.3f} s after message {found[0]} '
+            'and stay behind, as after a change of the clock, so rows there mix the samples of '
+            'before and after')
+
     def times(self, clock: str, name: str) -> NDArray[np.int64]:
         """
         Return the times of all messages in nanoseconds.
@@ -276,6 +304,10 @@ class Samples:
             raise DatasetError(f'{name} ({printable(self.topic.name)}) has no message that can be '
                                'read')
         if clock == 'log':
+            if self.log_jump:
+                raise DatasetError(
+                    f'the times of the recording of {name} ({printable(self.topic.name)}) jump by '
+                    f'{self.log_jump / NANO:.3f} s, but its stamps do not; use --clock stamp')
             return logs
         shown = f'{name} ({printable(self.topic.name)})'
         if self.reader and not self.reader.has_stamp:
@@ -287,7 +319,7 @@ class Samples:
             raise DatasetError(f'the stamps of {shown} stand still; {LOG_REMEDY}')
         steps, log_steps = np.diff(stamps), np.diff(logs)
         jumps = (steps < -_JUMP_NS) | (steps > np.maximum(log_steps, 0) + _JUMP_NS)
-        if jumps.any():
+        if jumps.any() and not self.log_jump:
             at = int(np.argmax(jumps))
             raise DatasetError(f'the stamps of {shown} jump by {steps[at] / NANO:.3f} s after '
                                f'message {at}; {LOG_REMEDY}')

@@ -220,6 +220,11 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
                  'those of a simulation, and rows are counted by the stamps'
                  for name, one in samples.items()
                  if plan.clock == 'stamp' and not _SLOWEST < one.speed < 1 / _SLOWEST]
+    if plan.clock == 'stamp':
+        warnings += [f'{name}: the times of the recording jump by {one.log_jump / NANO:.3f} s, '
+                     'but not the stamps, whose order the rows have'
+                     for name, one in samples.items() if one.log_jump]
+        warnings += [f'{name}: {text}' for name, one in samples.items() if (text := one.step_back)]
     warnings += _clock_warnings(tracks)
     clock = _Clock(tracks)
     return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, clock) if events else [],

@@ -509,3 +509,54 @@ def test_image_without_pixels_is_an_error(tmp_path: Path, capsys: Errors) -> Non
     drive.others.append(Entry(BEGAN, cdr, '/empty'))
     assert 'cannot be decoded: it has no pixels' in refused(
         tmp_path, drive, capsys, '--image', 'front=/empty', *JOINTS_STATE)
+
+
+def stepped(step_ns: int, begin: int = 30, end: int = 1 << 30) -> Drive:
+    """Return a drive whose stamps are behind the times of the recording, for some pictures."""
+    drive, fast = Drive(topics=(), seconds=3.0), Drive(seconds=3.0)
+    drive.others = [jpeg_entry(number, fast.picture_ns(number) - step_ns * (
+        begin <= number < end))._replace(log_ns=fast.picture_ns(number)) for number in range(90)]
+    return drive
+
+
+@pytest.mark.parametrize('step_ms', [50, 313, 480, 121])
+def test_small_step_of_the_clock_is_said(
+        step_ms: int, tmp_path: Path, capsys: Errors) -> None:
+    converted(tmp_path, stepped(step_ms * S // 1000, 45), *CAMERA, '--max-gap', '1')
+    text = (f'the stamps step back by {step_ms / 1000 - 1 / 30:.3f} s after message 44 and stay '
+            'behind, as after a change of the clock')
+    assert text in capsys.readouterr().err
+    # One late picture, and pictures in pairs that were exchanged, are no step of the clock.
+    for drive in (stepped(step_ms * S // 1000, 45, 46), stepped(step_ms * S // 1000, 45, 48)):
+        assert convert(drive.write(tmp_path / 'late.mcap'), tmp_path / 'late', *CAMERA,
+                       '--overwrite') == 0
+    assert 'the stamps step back' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('seconds', 'count'), [(0.9, 20), (1.5, 26), (2.4, 30), (5.0, 7)])
+def test_jumps_of_the_recording_alone(
+        seconds: float, count: int, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=3.0, topics=())
+    drive.others = [
+        jpeg_entry(number, Drive().picture_ns(number))._replace(log_ns=round(
+            Drive().picture_ns(number) - seconds * S * (40 <= number < 40 + count)))
+        for number in range(90)]
+    error = refused(tmp_path, drive, capsys, *CAMERA, '--clock', 'log')
+    assert re.search(r'times of the recording of front .* jump by .* use --clock stamp', error)
+    folder = converted(tmp_path, drive, *CAMERA, '--overwrite')
+    assert 'the times of the recording jump by' in capsys.readouterr().err
+    assert numbers_of(folder) == [*range(90)]
+
+
+@pytest.mark.parametrize(('gap', 'missing'), [(3.5, 2.0), (10.0, 1.1), (2.0, 1.6), (4.5, 2.9)])
+@pytest.mark.parametrize('ends', ['fail', 'shorten'])
+def test_camera_that_ends_within_the_largest_gap_is_said(
+        ends: str, gap: float, missing: float, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=3.0)
+    drive.others = [jpeg_entry(number, Drive().picture_ns(number), '/cam1')
+                    for number in range(round((3.0 - missing) * 30))]
+    folder = converted(tmp_path, drive, *CAMERA, '--image', 'rear=/cam1', *JOINTS_STATE,
+                       '--max-gap', gap, '--ends', ends)
+    text = f'rear has no sample for the last {missing + 1 / 30:.3f} s of the other topics'
+    assert text in capsys.readouterr().err
+    assert text in (folder / 'meta/opencv_tools/bags.json').read_text()
