@@ -30,9 +30,9 @@ from opencv_tools.datasets.folders import check_target, locked_parts, remove_par
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
-from opencv_tools.datasets.pictures import rows_with_pictures
+from opencv_tools.datasets.pictures import check_sizes, rows_with_pictures
 from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
-from opencv_tools.datasets.row_values import shortened, topic_accounts
+from opencv_tools.datasets.row_values import row_vectors, shortened, topic_accounts
 from opencv_tools.datasets.set_writing import topic_lines, write_set
 from opencv_tools.datasets.shards import write_shard
 from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
@@ -41,7 +41,7 @@ from opencv_tools.datasets.videos import check_depth_size
 
 def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     """
-    Yield lines about a bag, whose first picture of each camera is tried.
+    Yield lines about a bag: all numbers and heads of pictures are read, the first pictures tried.
 
     :param plan: plan with the names of all numbers.
     :raises DatasetError: the bag cannot be converted by the plan.
@@ -59,6 +59,9 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     if plan.episodes:
         uses.setdefault(plan.episodes.topic, []).append('begin and end of episodes')
     kept = shortened(plan, episodes)
+    row_vectors(plan, recording, episodes)
+    for camera, _ in plan.images:
+        check_sizes(recording, camera, episodes)
     rows = [len(one.times) for one in kept]
     for camera in plan.depth if any(rows) else ():
         codes = DepthImages(camera, codes_of(plan)).read(pictures[camera])
@@ -73,6 +76,8 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
     described = {'topics': topic_accounts(recording, kept, kept)}
     for line in [*topic_lines([described]), *(f'warning: {one}' for one in recording.warnings)]:
         yield f'  {line}'
+    if plan.images:
+        yield '  of each camera, only the first picture is decoded'
 
 
 _EXIT_OK, _EXIT_FAILURE = 0, 1

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
-from opencv_tools.capture.bag_pictures import bag_pictures
+from opencv_tools.capture.bag_pictures import bag_pictures, picture_sizes
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.datasets.episodes import episodes_of
 from opencv_tools.datasets.errors import DatasetError
@@ -111,11 +111,8 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
                         recording.warnings.append(f'{name}: message {track.messages[sample]} '
                                                   f'cannot be decoded: {picture}')
                     reason = picture
-                elif picture.size != (size or picture.size):
-                    raise DatasetError(f'{name} changes its size from {size} to {picture.size}; '
-                                       'all pictures of a camera must have one size: make one '
-                                       'set for each size, by the times in --episodes TABLE.csv')
                 else:
+                    _check_size(name, size or picture.size, picture.size)
                     shown, size = (sample, picture), picture.size
             if shown is None:
                 bad = [sample]
@@ -128,6 +125,29 @@ def row_pictures(plan: Plan, recording: Recording, name: str, episodes: Sequence
                                    f'cannot be decoded: {reason}')
             _check_age(plan, name, time_ns - int(track.times[shown[0]]))
             yield shown
+
+
+def check_sizes(recording: Recording, name: str, episodes: Sequence[Rows]) -> None:
+    """
+    Check the sizes of the pictures of a camera by their heads, as far as these have them.
+
+    :raises DatasetError: a picture has another size than the first one, or cannot be read.
+    """
+    track, first = recording.tracks[name], None
+    wanted = {*track.messages[np.concatenate([rows.samples[name] for rows in episodes])].tolist()}
+    try:
+        for size in picture_sizes(recording.bag, track.topic, wanted):
+            first = first or size
+            _check_size(name, first, size)
+    except (ValueError, OSError) as err:
+        raise DatasetError(str(err)) from err
+
+
+def _check_size(name: str, first: tuple[int, int], size: tuple[int, int]) -> None:
+    if size != first:
+        raise DatasetError(f'{name} changes its size from {first} to {size}; all pictures of a '
+                           'camera must have one size: make one set for each size, by the times '
+                           'in --episodes TABLE.csv')
 
 
 def _open_pictures(plan: Plan, recording: Recording, name: str, samples: Sequence[int],

@@ -560,3 +560,28 @@ def test_camera_that_ends_within_the_largest_gap_is_said(
     text = f'rear has no sample for the last {missing + 1 / 30:.3f} s of the other topics'
     assert text in capsys.readouterr().err
     assert text in (folder / 'meta/opencv_tools/bags.json').read_text()
+
+
+@pytest.mark.parametrize('at', [1, 29, 59, 40])
+@pytest.mark.parametrize('kind', ['number', 'jpeg', 'raw'])
+def test_dry_run_reads_all_numbers_and_sizes(
+        kind: str, at: int, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(topics=())
+    for number in range(60):
+        time_ns = drive.picture_ns(number)
+        image = numbered_picture(number, 160 if number != at or kind == 'number' else 200)
+        if kind == 'raw':
+            data = image_to_cdr(array_to_wire(
+                image, find_encoding('bgr8'), WireHeader(*divmod(time_ns, S), '')))
+            drive.others.append(Entry(time_ns, data, TOPIC, 'sensor_msgs/msg/Image'))
+        else:
+            drive.others.append(jpeg_entry(number, time_ns, width=image.shape[1]))
+    drive.others += [joints_entry(
+        drive.picture_ns(number), [float('nan') if number == at and kind == 'number' else 1.0],
+        ['grip'], '/grip') for number in range(60)]
+    words = *CAMERA, '--state', '/grip.position'
+    dry = refused(tmp_path, drive, capsys, *words, '--dry-run')
+    assert ('/grip.position is not finite' if kind == 'number' else
+            'front changes its size from (160, 120) to (200, 120)') in dry
+    assert dry.removeprefix('img_convert: error: bad.mcap: ').splitlines()[0] in refused(
+        tmp_path, drive, capsys, *words)
