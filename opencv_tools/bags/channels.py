@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from opencv_tools.bags.offered_qos import KEEP_ALL, KEEP_LAST, read_offered_qos
-from opencv_tools.bags.reading import BagTopic
+from opencv_tools.bags.reading import BagTopic, ROS2MSG
 from opencv_tools.bags.writing import BagChannel
 from opencv_tools.message_types.definition import DefinitionError, read_definition
 
@@ -40,12 +40,12 @@ def kept_messages(topic: BagTopic | BagChannel, is_one_publisher: bool = False) 
 
 
 def channel_of(topic: BagTopic) -> BagChannel:
-    """Return a topic of a bag as a channel, with the definition that this package has, if any."""
-    definition = topic.definition
-    if not definition:
+    """Return a topic of a bag as a channel, with its definition or else that of this package."""
+    encoding, definition = topic.other_schema or (ROS2MSG, topic.definition)
+    if not definition and encoding == ROS2MSG:
         try:
             definition = read_definition(topic.type_name).text
         except DefinitionError:
             definition = ''  # a reader with the package can read it
     return BagChannel(topic=topic.name, type_name=topic.type_name, qos=topic.qos,
-                      type_hash=topic.type_hash, definition=definition)
+                      type_hash=topic.type_hash, definition=definition, schema_encoding=encoding)

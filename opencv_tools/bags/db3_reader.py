@@ -53,7 +53,7 @@ class Db3Reader:
             regular file.
         """
         self.topics: dict[BagTopic, int] = {}
-        self.first_ns = self.last_ns = 0
+        self.first_ns = self.last_ns = self.attachments = 0
         self.metadata: list[tuple[str, dict[str, str]]] = []
         self.warning = ''
         self._name = printable(path.name, MAX_PATH)

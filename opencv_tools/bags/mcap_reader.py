@@ -35,9 +35,11 @@ from typing import NamedTuple, TYPE_CHECKING
 
 from opencv_tools.bags.errors import BagError, check_mcap
 from opencv_tools.bags.mcap_records import (
-    CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, definition, file_reader, MAGIC, MESSAGE, MESSAGE_CODE,
-    message_head, METADATA_CODE, Part, Read, Record, records, scan, SCHEMA_CODE, summary_start)
-from opencv_tools.bags.reading import BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, Texts
+    ATTACHMENT_CODE, CHANNEL_CODE, CHUNK_CODE, DATA_END_CODE, definition, file_reader, MAGIC,
+    MESSAGE, MESSAGE_CODE, message_head, METADATA_CODE, Part, Read, Record, records, scan,
+    SCHEMA_CODE, summary_start)
+from opencv_tools.bags.reading import (
+    BagMessage, BagTopic, Damage, MAX_BYTES, MAX_TEXT, ROS2MSG, Texts)
 from opencv_tools.base.regular_files import open_regular
 from opencv_tools.base.text import MAX_PATH, printable
 
@@ -78,6 +80,7 @@ class Contents:
     :param spans: parts of the file with messages.
     :param times: times of the first and last message; empty without messages.
     :param metadata: name and contents of each metadata record.
+    :param attachments: number of attachments.
     :param unread: number of metadata records that are too large or damaged.
     :param cut_at: offset of the end of the last whole record, if the file has no end.
     """
@@ -87,10 +90,11 @@ class Contents:
     spans: list[Span] = field(default_factory=list)
     times: tuple[int, ...] = ()
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    attachments: int = 0
     unread: int = 0
     cut_at: int | None = None
     _metadata_bytes: int = 0
-    _types: dict[int, tuple[str, str]] = field(default_factory=dict)
+    _types: dict[int, tuple[str, str, str]] = field(default_factory=dict)
     _texts: Texts = field(default_factory=Texts)
 
     def define(self, found: Channel | Metadata | Schema) -> None:
@@ -100,15 +104,18 @@ class Contents:
             self.metadata.append((found.name, found.metadata))
         elif isinstance(found, Channel):
             if len(found.topic) <= _MAX_NAME and found.id not in self.channels:
-                type_name, text = self._types.get(found.schema_id, ('', ''))
+                type_name, encoding, text = self._types.get(found.schema_id, ('', '', ''))
+                is_usual = encoding in ('', ROS2MSG)
                 qos = found.metadata.get('offered_qos_profiles', '')[:MAX_TEXT]
                 self.channels[found.id] = BagTopic(
-                    found.topic, type_name, found.message_encoding[:_MAX_NAME], text,
+                    found.topic, type_name, found.message_encoding[:_MAX_NAME],
+                    text if encoding == ROS2MSG else '',
                     self._texts.keep(qos.encode()), found.metadata.get(
-                        'topic_type_hash', '')[:_MAX_NAME])
+                        'topic_type_hash', '')[:_MAX_NAME],
+                    () if is_usual else (encoding, text))
         elif found.id not in self._types:
-            self._types[found.id] = found.name[:_MAX_NAME], (
-                self._texts.keep(found.data) if found.encoding == 'ros2msg' else '')
+            self._types[found.id] = (
+                found.name[:_MAX_NAME], found.encoding[:_MAX_NAME], self._texts.keep(found.data))
 
     def add_metadata(self, read: Read, record: Record) -> None:
         """Add a metadata record, unless all together are too large."""
@@ -131,6 +138,8 @@ class Contents:
                 times = *self.times, head.log_ns
                 self.times = min(times), max(times)
                 return head.log_ns
+        elif record.opcode == ATTACHMENT_CODE:
+            self.attachments += 1
         elif record.opcode == METADATA_CODE:
             self.add_metadata(part.read, record)
         elif record.opcode in (SCHEMA_CODE, CHANNEL_CODE):
@@ -175,7 +184,8 @@ def _use_index(found: list[McapRecord], read: Read, size: int) -> Contents | Non
         return None
     contents = Contents(
         counts=Counter(statistics.channel_message_counts), spans=spans,
-        times=(statistics.message_start_time, statistics.message_end_time))
+        times=(statistics.message_start_time, statistics.message_end_time),
+        attachments=statistics.attachment_count)
     for schema in schemas.values():
         contents.define(schema)
     for channel in channels.values():
@@ -255,6 +265,7 @@ class McapReader:
         for channel, topic in contents.channels.items():
             self.topics[topic] += contents.counts[channel]
         self.metadata = contents.metadata
+        self.attachments = contents.attachments
         self.warning = (
             f'{self._name} has no end: it was cut off, is damaged or is still being written; it '
             f'is read up to byte {contents.cut_at}' if contents.cut_at is not None else

@@ -283,10 +283,13 @@ class Bag:
         self.topics: Counter[BagTopic] = Counter()
         #: Name and contents of each metadata record; begins of the same recording are there once.
         self.metadata: list[tuple[str, dict[str, str]]] = []
+        #: Number of attachments.
+        self.attachments = 0
         times: list[int] = []
         for file in self.paths:
             with closing(open_bag_file(file)) as reader:
                 self.topics.update(reader.topics)
+                self.attachments += reader.attachments
                 self.metadata += [one for one in reader.metadata
                                   if has_account([one]) or one not in self.metadata]
                 self.warnings += [reader.warning] if reader.warning else []

@@ -34,6 +34,9 @@ _MAX_TEXTS = 1 << 23  # bytes of all these texts of a file
 #: Serialization of messages that can be read.
 CDR = 'cdr'
 
+#: Encoding of the definitions that can be read.
+ROS2MSG = 'ros2msg'
+
 
 class Texts:
     """
@@ -68,6 +71,7 @@ class BagTopic:
         too much text.
     :param qos: YAML text with the quality of service of its publishers; '' if unknown.
     :param type_hash: hash of the type, such as ``RIHS01_...``; '' if unknown.
+    :param other_schema: encoding and text of a definition that is only copied, such as IDL.
     """
 
     name: str
@@ -76,6 +80,7 @@ class BagTopic:
     definition: str = field(default='', compare=False, repr=False)
     qos: str = field(default='', compare=False, repr=False)
     type_hash: str = field(default='', compare=False, repr=False)
+    other_schema: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Add ``/msg/`` to the name of the type, which bags of ROS 2 Dashing leave out."""
@@ -126,13 +131,15 @@ class BagReader(Protocol):
 
     ``topics`` has the number of messages of each topic. ``first_ns`` and ``last_ns`` are the
     times of the first and the last message. ``metadata`` has the name and the contents of each
-    metadata record. ``warning`` describes a bag that is cut off; '' for a complete bag.
+    metadata record. ``attachments`` is the number of files in it. ``warning`` describes a bag
+    that is cut off; '' for a complete bag.
     """
 
     topics: dict[BagTopic, int]
     first_ns: int
     last_ns: int
     metadata: list[tuple[str, dict[str, str]]]
+    attachments: int
     warning: str
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:

@@ -39,6 +39,7 @@ from opencv_tools.bags.mcap_records import (
     DATA_END_BYTES, FOOTER, INDEX_ENTRY_BYTES, MAGIC, MESSAGE, MESSAGE_CODE, MESSAGE_INDEX,
     METADATA_INDEX_CODE, RECORD, SCHEMA_CODE, STATISTICS_BYTES, STATISTICS_CODE,
     SUMMARY_OFFSET_BYTES)
+from opencv_tools.bags.reading import ROS2MSG
 from opencv_tools.bags.schemas import MESSAGE_DEFINITIONS
 from opencv_tools.base.arguments import package_version
 from opencv_tools.base.regular_files import try_lock, write_buffer
@@ -231,6 +232,7 @@ class BagChannel:
     :param type_hash: hash of the type, such as ``RIHS01_...``; '' if unknown.
     :param definition: text of the type, with those that it contains; '' for that of
         ``MESSAGE_DEFINITIONS``.
+    :param schema_encoding: encoding of that text.
     """
 
     topic: str
@@ -238,11 +240,13 @@ class BagChannel:
     qos: str = ''
     type_hash: str = ''
     definition: str = ''
+    schema_encoding: str = ROS2MSG
 
     @property
-    def schema(self) -> tuple[str, str]:
-        """Name of the type and its text."""
-        return self.type_name, self.definition or MESSAGE_DEFINITIONS.get(self.type_name, '')
+    def schema(self) -> tuple[str, str, str]:
+        """Name of the type, its text, and the encoding of the text."""
+        return (self.type_name, self.definition or MESSAGE_DEFINITIONS.get(self.type_name, ''),
+                self.schema_encoding)
 
 
 class BagWriter:
@@ -263,7 +267,7 @@ class BagWriter:
         self.size = 0  # bytes that are written and complete
         self._path = path
         self._index = BagIndex()
-        self._schema_ids: dict[tuple[str, str], int] = {}
+        self._schema_ids: dict[tuple[str, str, str], int] = {}
         self._channel_ids: dict[BagChannel, int] = {}
         self._chunk: OpenChunk | None = None
         self._unhashed: list[Any] = []  # buffers of the messages of the open chunk
@@ -387,9 +391,9 @@ class BagWriter:
         records = []
         schema_id = self._schema_ids.get(channel.schema, len(self._schema_ids) + 1)
         if channel.schema not in self._schema_ids:
-            type_name, text = channel.schema
+            type_name, text, encoding = channel.schema
             records.append((SCHEMA_CODE, encode_record(Schema(
-                id=schema_id, name=type_name, encoding='ros2msg', data=text.encode()))))
+                id=schema_id, name=type_name, encoding=encoding, data=text.encode()))))
         records.append((CHANNEL_CODE, encode_record(Channel(
             id=len(self._channel_ids) + 1, schema_id=schema_id, topic=channel.topic,
             message_encoding='cdr', metadata={

@@ -79,6 +79,8 @@ class BagSource:
         self.warnings = self._bag.warnings
         #: Name and contents of each metadata record.
         self.metadata = self._bag.metadata
+        #: Number of attachments of the bag.
+        self.attachments = self._bag.attachments
         #: Topic of the images.
         self.topic = _select(self.name, topic, counts)
         #: Number of messages of each topic of the bag.

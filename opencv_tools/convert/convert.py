@@ -44,7 +44,7 @@ from opencv_tools.capture.pattern import PatternSource
 from opencv_tools.capture.player import IMAGE_RATE
 from opencv_tools.capture.source import describe_opening, is_camera, names_bag, open_source
 from opencv_tools.capture.video import VideoSource
-from opencv_tools.convert.other_topics import OtherTopics
+from opencv_tools.convert.other_topics import check_patterns, OtherTopics
 from opencv_tools.image.cdr import IMAGE, WireCompressedImage
 from opencv_tools.image.display import finite_limits
 from opencv_tools.image.encodings import find_encoding
@@ -309,6 +309,8 @@ class _Conversion:
             raise ValueError(f'{request.source} has no end: give --stop')
         if isinstance(source, ImageFileSource):
             source.keeps_jpegs = self._names.suffix in _JPEGS
+        if isinstance(source, BagSource) and self._names.suffix == BAG_SUFFIX:
+            check_patterns(source, request.topics.split(','))
         if isinstance(source, BagSource):  # packets are copied from the first one on, or decoded
             source.video.decodes = (self._names.suffix not in KEEPS_PACKETS
                                     or request.every > 1 or request.start > 0)

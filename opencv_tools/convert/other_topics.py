@@ -39,6 +39,20 @@ _BATCH, _BATCH_BYTES = 1000, 1 << 20
 _MOST_NAMED = 20
 
 
+def check_patterns(source: BagSource, patterns: Sequence[str]) -> None:
+    """
+    Check that a bag has the topics that are chosen.
+
+    :raises ValueError: a name or pattern matches none.
+    """
+    names = sorted({topic.name for topic in source.topics})
+    missing = [one for one in patterns if one and not any(fnmatchcase(name, one)
+                                                          for name in names)]
+    if missing:
+        raise ValueError(f"--topics has '{printable(missing[0])}', but the bag has no such topic; "
+                         f'it has {enumerated([*map(printable, names)], _MOST_NAMED)}')
+
+
 class OtherTopics:
     """The messages of all topics of a bag but that of its frames."""
 
@@ -54,6 +68,7 @@ class OtherTopics:
         self._channels = {topic: channel_of(topic) for topic in self._counts
                           if topic.serialization == CDR and any(
                               fnmatchcase(topic.name, one) for one in patterns)}
+        self._attachments = source.attachments
         self._recorder = recorder
         bag = Bag(Path(source.name), source.paths)
         items = (item for item in bag.messages(self._channels.keys())
@@ -123,4 +138,5 @@ class OtherTopics:
         return [f'Copied {self._written.total()} messages of {copied} other topics, '
                 f'{self.failed} failed'] * bool(self._channels) + [
             f'left out, with numbers of messages: {enumerated(sorted(rest), _MOST_NAMED)}'
-        ] * bool(rest)
+        ] * bool(rest) + [
+            f'left out: {self._attachments} attachments of the bag'] * bool(self._attachments)

@@ -25,6 +25,7 @@ from bag_readers import metadata_of
 from dataset_bags import (
     BEGAN, Drive, joints_entry, jpeg_entry, NANO, plain_entry, with_definitions)
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from opencv_tools.convert.cli import main
 from played_bags import Entry, write_mcap, write_rosbag2
 import pytest
@@ -184,3 +185,42 @@ def test_images_of_damaged_chunks_count_as_failed(
     found = re.search(r'Converted (\d+) frames.*, (\d+) failed', capsys.readouterr().err)
     assert found and int(found[1]) < len(images) - damaged
     assert int(found[1]) + int(found[2]) == len(images)
+
+
+@pytest.mark.parametrize(('topics', 'wrong'), [
+    ('/joint_state', '/joint_state'), ('/level_1*,/levels', '/levels'), ('x*,*', 'x*'),
+    ('/joint_states,/level_?9', '/level_?9')])
+def test_topics_that_the_bag_has_not_are_an_error(
+        topics: str, wrong: str, tmp_path: Path, capsys: Errors) -> None:
+    source = write_mcap(tmp_path / 'a.mcap', entries(0.4, 12))
+    assert main([str(source), str(tmp_path / 'b.mcap'), '--topics', topics]) == 2
+    assert not (tmp_path / 'b.mcap').exists()
+    assert f"--topics has '{wrong}', but the bag has no such topic; it has /arm/command" in (
+        capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('use_statistics', [True, False])
+@pytest.mark.parametrize('count', [0, 1, 5, 70])
+def test_other_definitions_are_copied_and_attachments_named(
+        count: int, use_statistics: bool, tmp_path: Path, capsys: Errors) -> None:
+    source, target = tmp_path / 'a.mcap', tmp_path / 'b.mcap'
+    with source.open('wb') as file:
+        writer = Writer(file, use_statistics=use_statistics)
+        writer.start('ros2', 'test')
+        for number in range(count):
+            writer.add_attachment(1, 2, f'{number}.yaml', 'text/yaml', b'hello')
+        schemas = [('sensor_msgs/msg/CompressedImage', 'ros2msg', b''),
+                   ('my_pkg/msg/Odd', 'ros2idl', b'module my_pkg {};'), ('my_pkg/msg/O', 'x', b'')]
+        channels = [writer.register_channel(topic, 'cdr', writer.register_schema(*schema), {})
+                    for topic, schema in zip((FRAMES, '/idl', '/x'), schemas)]
+        for number in range(9):
+            entry = jpeg_entry(number, BEGAN + number)
+            writer.add_message(channels[0], entry.log_ns, entry.data, entry.log_ns)
+            writer.add_message(channels[1 + number % 2], entry.log_ns, b'zz', entry.log_ns)
+        writer.finish()
+    assert main([str(source), str(target)]) == 0
+    found = {topic: (name, encoding, data) for topic, *_, name, encoding, data, _, _ in contents(
+        target)}
+    assert [found[topic] for topic in ('/idl', '/x')] == schemas[1:]
+    errors = capsys.readouterr().err
+    assert (f'left out: {count} attachments of the bag' in errors) == (count > 0)
