@@ -87,6 +87,11 @@ def account_problems(reader: SetReader, lines: list[str]) -> Iterator[str]:
     try:
         for name, one in ((name, one) for part in parts for name, one in part['topics'].items()):
             total = sum(one[key] for key in COUNTS)
+            wrong = [key for key in (*COUNTS, 'reused') if type(one[key]) is not int
+                     or one[key] < 0]
+            if wrong:
+                yield (f'{SOURCES} has {one[wrong[0]]!r} for {wrong[0]} of {printable(name)}, not '
+                       'an integer from 0 on')
             if total != one['messages']:
                 yield (f'{SOURCES} has {one["messages"]!r} messages of {printable(name)}, but '
                        f'accounts for {total}')

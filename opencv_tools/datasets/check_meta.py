@@ -125,6 +125,8 @@ def file_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator
         shown = [printable(path.relative_to(reader.folder)) for path in sorted(rest)]
         yield f'{len(rest)} files belong to no episode: {enumerated(shown)}'
     if not (reader.folder / FILES).is_file():
+        if (reader.folder / FILES).parent.is_dir():  # another program writes none
+            reader.notes.append(f'{FILES} is missing, so no file is compared with its checksum')
         return
     for name, digest in reader.read_json(FILES).items():
         path = reader.folder / name
@@ -133,11 +135,7 @@ def file_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator
                 continue
             if file_sha256(path) == digest:
                 continue
-            text = f'{printable(name)} is not as it was written: its sha256 is another one'
-            if path.suffix == '.mp4':  # its frames are compared
-                reader.notes.append(text)
-            else:
-                yield text
+            yield f'{printable(name)} is not as it was written: its sha256 is another one'
         except (OSError, RuntimeError, ValueError) as err:
             yield f'{printable(name)} cannot be read: {reason_of(err)}'
 

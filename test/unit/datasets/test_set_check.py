@@ -303,6 +303,10 @@ DAMAGES: dict[str, tuple[Change, str]] = {
     'not parquet': (text(DATA, 'PAR1 no'), 'file-000.parquet cannot be read'),
     'account': (change_json(SOURCES, 0, 'topics', 'front', 'before', value=7),
                 'bags.json has 30 messages of front, but accounts for 37'),
+    'negative account': (change_json(SOURCES, 0, 'topics', 'front', 'after', value=-3),
+                         'bags.json has -3 for after of front, not an integer from 0 on'),
+    'negative repeats': (change_json(SOURCES, 1, 'topics', 'front', 'reused', value=-1),
+                         'bags.json has -1 for reused of front, not an integer from 0 on'),
     'no account': (change_json(SOURCES, 1, 'topics', value=[]), 'bags.json has no valid account'),
     'task table': (rewrite('meta/tasks.parquet', cell('task_index', 0, 4)), 'does not number its'),
 }
@@ -414,6 +418,20 @@ def test_slow_changes_of_light_are_no_error(
     capsys.readouterr()
     assert main(['--check', str(tmp_path / 'set')]) == 0
     assert re.search(r'cannot tell whether \d+ of 60 rows are shifted', capsys.readouterr().err)
+
+
+def test_video_with_another_checksum_is_an_error(copied: Path, capsys: Errors) -> None:
+    path, *_ = copied.glob('videos/**/*.mp4')
+    with path.open('ab') as file:
+        file.write(b'\0\0\0\x08free')  # an empty box, which all readers ignore
+    assert main(['--check', str(copied)]) == 1
+    assert f'{path.name} is not as it was written' in capsys.readouterr().err
+
+
+def test_missing_checksums_are_said(copied: Path, capsys: Errors) -> None:
+    (copied / 'meta/opencv_tools/files.json').unlink()
+    assert main(['--check', str(copied)]) == 0
+    assert 'files.json is missing, so no file is compared' in capsys.readouterr().err
 
 
 def test_large_row_group_is_refused(
