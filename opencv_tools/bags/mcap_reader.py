@@ -80,7 +80,7 @@ class Contents:
     :param spans: parts of the file with messages.
     :param times: times of the first and last message; empty without messages.
     :param metadata: name and contents of each metadata record.
-    :param attachments: number of attachments.
+    :param attachments: number of files in it, which are not read.
     :param unread: number of metadata records that are too large or damaged.
     :param cut_at: offset of the end of the last whole record, if the file has no end.
     """

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
 from copy import copy
 from typing import Any
@@ -31,10 +31,8 @@ from opencv_tools.capture.bag_video import BagVideo
 from opencv_tools.capture.frame import CapturedFrame, Recorded
 from opencv_tools.capture.output_image import OutputImage
 from opencv_tools.capture.settings import CaptureSettings
-from opencv_tools.image.cdr import cdr_to_image, IMAGE, WireCompressedImage
 from opencv_tools.image.compressed_depth import DEPTH_ENCODINGS
 from opencv_tools.image.errors import ConversionError, EncodingError, ImageError
-from opencv_tools.image.image_size import image_size
 
 _SETTINGS = CaptureSettings(encoding='bgr8')
 #: What to do with images that data sets have no place for.
@@ -72,33 +70,6 @@ def bag_pictures(bag: Bag, topic: BagTopic, messages: Sequence[int], is_depth: b
                 with suppress(ImageError, OSError):  # of a frame that is not wanted
                     video.skip(decompressed_message(item.load()), item.number)
             place += 1
-
-
-def picture_sizes(bag: Bag, topic: BagTopic, messages: Container[int],
-                  ) -> Iterator[tuple[int, int]]:
-    """
-    Yield the width and height of pictures of a topic by their heads, which are not decoded.
-
-    Those without a readable head, and those of video, are left out.
-
-    :param messages: numbers of messages among those of the topic, from 0.
-    :raises BagError: a file cannot be read as a bag.
-    :raises OSError: a file cannot be read.
-    """
-    reader, video, place = copy(bag), BagVideo(topic.type_name), 0
-    with closing(reader):
-        for item in reader.messages([topic]):
-            if not isinstance(item, BagMessage):
-                continue
-            place += 1
-            if place - 1 in messages:
-                with suppress(ImageError, OSError):
-                    serialized = decompressed_message(item.load())
-                    if topic.type_name == IMAGE:
-                        raw = cdr_to_image(serialized)
-                        yield raw.width, raw.height
-                    elif isinstance(wire := video.read(serialized), WireCompressedImage):
-                        yield image_size(bytes(wire.data))
 
 
 class _Memory:

@@ -27,8 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
-from opencv_tools.capture.bag_pictures import bag_pictures, picture_sizes
+from opencv_tools.capture.bag_pictures import bag_pictures
 from opencv_tools.capture.output_image import OutputImage
+from opencv_tools.capture.picture_sizes import picture_sizes
 from opencv_tools.datasets.episodes import episodes_of
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Plan
