@@ -319,7 +319,8 @@ class Looks:
         picture = int(valid_number(message.get('picture'), 'picture', 0, 2**53))
         channel = self._channel_of(topic)
         read = None
-        if isinstance(channel, Channel) and (frame := channel.shown.of(picture)):
+        if (isinstance(channel, Channel) and channel.options.looks  # of MAX_LOOKS topics
+                and (frame := channel.shown.of(picture))):
             read = partial(channel.stream.pixels, frame)
         self._waiting[kind, topic] = _Question(picture, channel, read, _ANSWERS[kind](message))
         if len(self._waiting) > len(_ANSWERS) * MAX_LOOKS:

@@ -32,7 +32,7 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.inspect.looks import Looks, MAX_LOOKS
+from opencv_tools.viewer.inspect.looks import _ANSWERS, Looks, MAX_LOOKS
 from opencv_tools.viewer.protocol import ViewRequest
 from opencv_tools.viewer.streams.channel import Channel
 from opencv_tools.viewer.streams.stream import Stream
@@ -118,14 +118,14 @@ def test_frame_waits_with_its_question() -> None:
 def test_questions_that_wait_are_bounded() -> None:
     async def work() -> None:
         page = Asker()
-        for number in range(3 * MAX_LOOKS):
+        for number in range(len(_ANSWERS) * MAX_LOOKS):
             assert page.looks.ask({'pixel': f'/{number}', 'at': [0, 0], 'picture': 1})
         with pytest.raises(RequestError, match='questions about 4 topics wait'):
             page.looks.ask({'pixel': '/another', 'at': [0, 0], 'picture': 1})
         assert page.looks.ask({'pixel': '/0', 'at': [1, 1], 'picture': 1})  # instead of the first
-        await page.answer(3 * MAX_LOOKS)
+        await page.answer(len(_ANSWERS) * MAX_LOOKS)
         assert {one['pixel']['topic'] for one in page.answers} == {
-            f'/{number}' for number in range(3 * MAX_LOOKS)}
+            f'/{number}' for number in range(len(_ANSWERS) * MAX_LOOKS)}
         page.close()
 
     asyncio.run(work())
