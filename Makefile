@@ -19,6 +19,7 @@
 # make test-docs     type the commands of README.md and docs into a terminal
 # make bench         run the benchmarks and write their results to benchmarks.md
 # make docs          write the parameter page and build the documentation in build/docs/html
+# make pictures      take the pictures of the pages of img_viewer for docs/images, with a Chromium
 # make soak          run both nodes for ten minutes; check for lost frames and leaks
 # make clean         remove all files that these targets have created
 #
@@ -35,7 +36,7 @@ SHELL := bash
 .DELETE_ON_ERROR:
 .PHONY: demo lint test test-changed test-thorough unit test-oldest test-kilted test-slow test-browser \
   test-camera test-network test-interop test-ray test-lerobot test-arm64 test-wheel test-docs \
-  bench docs soak clean
+  bench docs pictures soak clean
 
 PYTHON ?= python3
 
@@ -115,6 +116,10 @@ docs:
 	  { echo 'Sphinx is missing: sudo apt install furo python3-myst-parser python3-sphinx'; exit 1; }
 	$(call build_docs,env PYTHONPATH="$(CURDIR):$$PYTHONPATH",)
 
+pictures:
+	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" \
+	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 docs/take_pictures.py
+
 lint:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 -m pytest --quiet -m linter test/package
 
@@ -167,6 +172,9 @@ unit: .venv/dev
 
 docs: .venv/docs
 	$(call build_docs,$(call in_venv,.venv),--fail-on-warning)
+
+pictures: .venv/dev
+	@$(call in_venv,.venv) python docs/take_pictures.py
 
 lint: .venv/dev
 	@$(call in_venv,.venv) python -m pytest --quiet -m linter test/package
