@@ -401,10 +401,10 @@ def test_large_screen(viewer: Viewer, browser: Browser, camera: Node) -> None:
 @pytest.mark.parametrize('width', [720, 1000, 1280, 1920])
 @pytest.mark.parametrize('path', ['?', '?topic=/front', '?topic=/front&beside=/rear'])
 def test_head_with_all_buttons(path: str, width: int, start_viewer: Callable[..., Viewer],
-                               browser: Browser, camera: Node, tmp_path: Path) -> None:
+                               browser: Browser, node: Node, tmp_path: Path) -> None:
     for name in ('/front', '/rear'):
-        Camera(camera, name, LATCHED).publish(1)
-    RobotNode(camera).describe(ROBOT)
+        Camera(node, name, LATCHED).publish(1)
+    RobotNode(node).describe(ROBOT)
     viewer = start_viewer(control=True, record_dir=tmp_path)
     base, _, token = viewer.url.partition('?')
     page = browser.new_page(f'{base}{path}&{token}', width, 800)
