@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, Geometry, GEOMETRIES, Material, Mesh, SOLIDS
+from opencv_tools.robot.geometry import Capsule, GEOMETRIES, Geometry, Material, Mesh, SOLIDS
 from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
 from opencv_tools.robot.sdf.context import SdfContext
 from opencv_tools.robot.sdf.values import (

@@ -26,7 +26,7 @@ import math
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, Geometry, GEOMETRIES, Mesh, SOLIDS
+from opencv_tools.robot.geometry import Capsule, GEOMETRIES, Geometry, Mesh, SOLIDS
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
