@@ -40,6 +40,8 @@ from opencv_tools.viewer.streams.pixels import DISPARITY, Pixels
 MAX_SAMPLES, BINS = 512, 64
 # Values that a text or a chart has at most.
 _MAX_VALUES, _MAX_CURVES = 8, 3
+# Rows whose extremes are found at once.
+_BAND_ROWS = 64
 # Cells of a side of the picture of over-exposed pixels at most.
 _MAX_CELLS = 320
 # Pixels that a histogram counts at most.
@@ -159,18 +161,23 @@ def _over(planes: list[NDArray[Any]]) -> NDArray[Any]:
 
 def _extremes(pixels: Pixels, part: Region) -> _Chart:
     """Return the smallest and the largest value of a part, each with its column and its row."""
-    planes = [pixels.numbers(part.crop(plane)) for plane in _planes(pixels)[0]]
-    present = ~np.logical_or.reduce([missing_numbers(one, pixels.encoding) for one in planes])
-    found = {}
-    for name, reduce, place_of in (('least', np.minimum.reduce, np.argmin),
-                                   ('most', np.maximum.reduce, np.argmax)):
-        values = reduce(planes)
-        places = np.flatnonzero(present)
-        if places.size:
-            place = int(places[place_of(values.ravel()[places])])
-            row, column = divmod(place, values.shape[1])
-            found[name] = [within_range(values[row, column]), part.x + column, part.y + row]
-    return found
+    best: dict[str, tuple[Any, int, int]] = {}
+    for first in range(0, part.height, _BAND_ROWS):  # a whole image would need much memory
+        band = [pixels.numbers(part.crop(plane)[first:first + _BAND_ROWS])
+                for plane in _planes(pixels)[0]]
+        places = np.flatnonzero(~np.logical_or.reduce(
+            [missing_numbers(one, pixels.encoding) for one in band]))
+        for name, reduce, place_of in (('least', np.minimum.reduce, np.argmin),
+                                       ('most', np.maximum.reduce, np.argmax)):
+            if places.size:
+                values = reduce(band)
+                place = int(places[place_of(values.ravel()[places])])
+                row, column = divmod(place, values.shape[1])
+                new = (values[row, column], part.x + column, part.y + first + row)
+                old = best.setdefault(name, new)
+                if place_of([old[0], new[0]]):
+                    best[name] = new
+    return {name: [within_range(value), *place] for name, (value, *place) in best.items()}
 
 
 def _count(values: NDArray[Any], low: float | None, high: float | None) -> NDArray[Any]:

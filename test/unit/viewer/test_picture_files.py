@@ -72,8 +72,10 @@ def test_picture_that_is_gone() -> None:
     async def work() -> None:
         page = Saver()
         first, second = await page.show(50), await page.show(110)
-        for gone in (first, second + 1, -1):
+        for gone in (first, second + 1, 2 ** 53):
             assert page.ask(gone) == {'error': GONE + 'wait for the next one'}
+        with pytest.raises(RequestError, match="picture is '-1'"):
+            page.ask(-1)
         page.channel.set_options(replace(page.channel.options, held=True))  # a pause
         assert page.level(page.ask(second)) == 110
         assert page.ask(first) == {'error': GONE + 'resume the page'}
@@ -83,13 +85,15 @@ def test_picture_that_is_gone() -> None:
     asyncio.run(work())
 
 
-def test_live_picture_without_a_frame_is_the_newest_one() -> None:
+def test_picture_of_the_grid() -> None:
     async def work() -> None:
         page = Saver()
         page.channel.set_options(replace(page.channel.options, looks=False))  # in the grid
         picture = await page.show(50)
-        for number in (picture, -1):
-            assert page.ask(number) == {'address': '/snapshot?topic=%2Ffront&format=original'}
+        assert page.level(page.ask(picture)) == 50
+        await page.show(110)
+        assert page.ask(picture)['error'].endswith('show the topic alone, then save')
+        assert page.level(page.ask(picture + 1)) == 110
         page.close()
 
     asyncio.run(work())
