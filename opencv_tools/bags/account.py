@@ -76,11 +76,6 @@ def has_account(metadata: Sequence[Metadata]) -> bool:
     return any(name == NAME and ACCOUNT in values for name, values in metadata)
 
 
-def _text(metadata: Sequence[Metadata], key: str) -> str:
-    """Return the first text with a key in the records of this package; '' if there is none."""
-    return next((values[key] for name, values in metadata if name == NAME and key in values), '')
-
-
 class Losses:
     """The messages that no file has, by topic; each file has those since the one before."""
 
@@ -110,3 +105,8 @@ class Losses:
         """Note that the account of a file is complete in it."""
         for topic, of in account.items():
             self._stored.setdefault(topic, Counter()).update(of)
+
+
+def _text(metadata: Sequence[Metadata], key: str) -> str:
+    """Return the first text with a key in the records of this package; '' if there is none."""
+    return next((values[key] for name, values in metadata if name == NAME and key in values), '')
