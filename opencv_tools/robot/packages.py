@@ -41,6 +41,8 @@ def package_folders(path: Path) -> Iterator[Path]:
 
     Those above the target of a link follow.
     """
+    if '\0' in str(path):  # no file can have this name
+        return iter(())
     places = path.absolute(), Path(os.path.realpath(path))
     above = dict.fromkeys(folder for place in places for folder in islice(
         place.parents, _MAX_ABOVE))
