@@ -25,6 +25,8 @@ from opencv_tools.base.arguments import CommandParser
 from opencv_tools.base.text import without_password
 
 FOLDER = Path(__file__).with_name('help')
+#: Options that are no ROS arguments, with their help, by executable.
+OPTIONS = {'img_viewer': {'--list': 'print all nodes and topics, and exit'}}
 
 
 def check_options(name: str, args: Sequence[str]) -> None:
@@ -40,6 +42,8 @@ def check_options(name: str, args: Sequence[str]) -> None:
         prog=name, description=description, epilog=epilog,
         formatter_class=argparse.RawTextHelpFormatter,
         usage=f'{name} [--ros-args -p NAME:=VALUE ...]')
+    for option, help_ in OPTIONS.get(name, {}).items():
+        parser.add_argument(option, action='store_true', help=help_)
     _, unknown = parser.parse_known_args([*_plain_words(args)])
     if unknown:
         words = without_password(' '.join(unknown)).split(' ')

@@ -177,7 +177,8 @@ class ImageSource:
 
     def use(self, is_used: bool) -> None:
         """Subscribe to the chosen topic, or receive the waiting messages and unsubscribe."""
-        if is_used and self._reader is None and self._choose():
+        is_chosen = self._choose()  # also if all frames are shared from the beginning
+        if is_used and self._reader is None and is_chosen:
             self._reader = ImageReader(self._node, self.topic, self.qos)
             self._change_readers()
         elif not is_used and self._reader:

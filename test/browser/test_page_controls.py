@@ -153,7 +153,7 @@ def test_no_controls_by_default(
     start('img_publisher', source='pattern:64x48', publish_rate=20.0)
     page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
     page.wait_for(f'numberOf("{TOPIC}") >= 0')
-    assert not page.evaluate('document.getElementById("panel").checkVisibility()')
+    assert page.evaluate('document.getElementById("controls").childElementCount') == 0
     page.evaluate('sockets[0].send(JSON.stringify('
                   '{set: "/image_publisher", name: "jpeg_quality", value: 1}))')
     page.wait_for('document.getElementById("notice").textContent.startsWith("control is off")')

@@ -93,6 +93,16 @@ def test_first_subscription_after_the_first_publisher(
     source.destroy()
 
 
+def test_choice_of_frames_that_are_shared_from_the_beginning(node: Node) -> None:
+    node.create_publisher(Image, TOPIC, 10)
+    queue = FrameQueue(100)
+    source = ImageSource(
+        TopicDiscovery(node, TOPIC, 'auto'), 100, queue, Log(node.get_logger()),
+        before_message=lambda _: None, on_readers=lambda: None)
+    source.use(False)
+    assert source.is_chosen and not source.is_used
+
+
 @pytest.mark.parametrize('act', [
     lambda source: source.use(False), lambda source: source.drain()], ids=['left', 'drained'])
 def test_waiting_messages(
