@@ -249,7 +249,7 @@ def test_line_and_histogram(viewer: Viewer, browser: Browser, camera: Node) -> N
     image = np.zeros((480, 640), np.uint8)
     image[:, 320:] = 255
     page = open_image(viewer, browser, camera, image, 'mono8')
-    assert page.evaluate('document.getElementById("panel").offsetWidth') == 0
+    assert not page.evaluate('document.getElementById("range").checkVisibility()')
     page.press('h')
     page.wait_for(f'{CHART} === "0 to 255, 50 % over-exposed, 50 % black"')
     page.press('l')
@@ -284,7 +284,7 @@ def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node)
         button = f'tileOf({TOPIC!r}).querySelector("[data-look={way}]")'
         assert page.evaluate(f'{button}.disabled && {button}.title').endswith(
             'Add quality=90 to the address of the page to get images.')
-    assert page.evaluate('document.getElementById("panel").offsetWidth') == 0
+    assert not page.evaluate('document.getElementById("range").checkVisibility()')
     page.press(' ')
     page.wait_for('sent.at(-1).unsubscribe')
     move(page, place_of(page, 120.5, 220.5, (320, 240)))
