@@ -471,11 +471,11 @@ def test_charts_of_two_topics(viewer: Viewer, browser: Browser, camera: Node) ->
     assert page.evaluate(chart_of(TOPIC)) == ''
     page.press('h')
     page.wait_for(f'{chart_of(TOPIC)} === "0 to 255, 100 % black"')
-    assert page.evaluate(chart_of('/rear')) == '0 to 255, 100 % over-exposed'
+    page.wait_for(f'{chart_of("/rear")} === "0 to 255, 100 % over-exposed"')
     check_all(page)
     page.press('h')
     page.wait_for(f'{chart_of(TOPIC)} === ""')
-    assert page.evaluate(chart_of('/rear')) == '0 to 255, 100 % over-exposed'
+    page.wait_for(f'{chart_of("/rear")} === "0 to 255, 100 % over-exposed"')
 
 
 def test_questions_end_with_the_view(viewer: Viewer, browser: Browser, camera: Node) -> None:

@@ -164,7 +164,7 @@ def test_zoomed_turned_and_flipped_boxes(
 def test_choice_by_pointer_and_keys(
         detector: Detector, viewer: Viewer, browser: Browser, tmp_path: Path) -> None:
     page = open_page(viewer, browser, '')
-    assert page.evaluate('document.getElementById("panel").offsetWidth') == 0
+    assert not page.evaluate('document.getElementById("overlays").checkVisibility()')
     press(page, '[data-look=overlays]')
     page.wait_for('document.querySelector("#overlays select").options.length === 2')
     assert detector.publisher.get_subscription_count() == 0
@@ -188,7 +188,7 @@ def test_choice_by_pointer_and_keys(
     assert drawn.count('M') == 6
     page.evaluate('document.activeElement.blur()')
     page.press('o')
-    page.wait_for('document.getElementById("panel").offsetWidth === 0')
+    page.wait_for('!document.getElementById("overlays").checkVisibility()')
     page.evaluate('document.getElementById("link").click()')  # the address is what it copies
     page.go(page.evaluate('location.href'))
     check_boxes(page, tmp_path)
