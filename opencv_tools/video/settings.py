@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 import math
 import os
+from pathlib import Path
 import re
 from typing import Any
 
@@ -219,8 +221,20 @@ def import_av() -> Any:
     except ImportError as err:
         raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
                          f'{installation("av")}') from err
-    # PyAV before 14 passes it on to Python. A thread of FFmpeg that logs waits for the one that
-    # closes its file, and that one for the thread.
-    if av.logging.get_level() is not None:
-        av.logging.set_level(av.logging.PANIC)
+    if int(av.__version__.partition('.')[0]) < 14 and av.logging.get_level() != av.logging.PANIC:
+        _silence_ffmpeg(av)
     return av
+
+
+def _silence_ffmpeg(av: Any) -> None:
+    """
+    Remove the log of FFmpeg that PyAV before 14 passes on to Python, whatever its level.
+
+    A thread of FFmpeg that logs waits for the one that closes its file, and that one for the
+    thread.
+    """
+    loaded = Path('/proc/self/maps').read_text(encoding='utf-8', errors='surrogateescape')
+    libraries = re.findall(r'(/\S*/libavutil\S*)$', loaded, re.MULTILINE)
+    for library in dict.fromkeys(libraries):  # OpenCV may have another one, which stays silent too
+        ctypes.CDLL(library).av_log_set_callback(None)
+    av.logging.set_level(av.logging.PANIC)
