@@ -17,10 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import subprocess
 
 from chromium import Browser, Page
 from live_robots import RobotNode
+from npm import installed
 from pages import Camera, Viewer
 import pytest
 from rclpy.node import Node
@@ -54,8 +54,7 @@ def axe() -> str:
     """Return the source of axe-core, which npm installs at the first time."""
     file = FOLDER / 'node_modules' / 'axe-core' / 'axe.min.js'
     if not file.exists():
-        subprocess.run(['npm', 'install', '--prefix', str(FOLDER), '--no-audit', '--no-fund',
-                        f'axe-core@{VERSION}'], check=True, stdout=subprocess.DEVNULL, timeout=600)
+        installed(f'axe-core@{VERSION}', FOLDER)
     return file.read_text()
 
 
