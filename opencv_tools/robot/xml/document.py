@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from copy import deepcopy
 import re
 from typing import overload, TypeVar
@@ -256,7 +257,9 @@ def _recovered(data: bytes, source: str, *, is_declared: bool = False) -> Elemen
     :raises DescriptionError: something would be lost.
     """
     parser = _parser(recover=True)
-    root: Element | None = etree.fromstring(data, parser)
+    root: Element | None = None
+    with suppress(etree.XMLSyntaxError):  # of old versions, as of an unknown encoding
+        root = etree.fromstring(data, parser)
     errors = parser.error_log
     known = _RECOVERED | ({'ERR_SPACE_REQUIRED'} if any(
         error.type_name == 'ERR_VERSION_MISSING' for error in errors) else set())
