@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 import os
 from pathlib import Path
 import re
@@ -27,6 +28,7 @@ from threading import Thread
 import cv2
 import numpy as np
 from opencv_tools.base.signals import end_at_signals
+from opencv_tools.capture.source import open_source
 
 ROOT = Path(__file__).resolve().parent.parent
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
@@ -120,14 +122,9 @@ def shown(path: Path) -> str:
 
 
 def decode(clip: Path) -> list[np.ndarray]:
-    """Decode all frames of a video."""
-    capture = cv2.VideoCapture(str(clip), cv2.CAP_FFMPEG)
-    frames = []
-    while True:
-        decoded, frame = capture.read()
-        if not decoded:
-            return frames
-        frames.append(frame)
+    """Decode all frames of a video in this process."""
+    with closing(open_source(str(clip))) as source:
+        return [frame.image for frame in iter(source.read, None)]
 
 
 def contact_sheet(files: list[Path]) -> np.ndarray:
@@ -161,7 +158,7 @@ def main() -> int:
         cv2.imwrite(str(sheet), contact_sheet(files))
         equal = 'each' if identical == len(files) else f'{identical} of them'
         print(f'{len(frames)} frames of {shown(CLIP)} -> two processes -> {len(files)} PNG files '
-              f'in {shown(folder)}, {equal} equal to the clip as OpenCV decodes it; '
+              f'in {shown(folder)}, {equal} equal to the clip as this process decodes it; '
               f'look at {shown(sheet)}')
     scripts = '.venv/bin/' if Path('.venv').is_dir() else ''
     print(f'to see images in a browser: {scripts}img_publisher --ros-args -p source:=pattern & '
