@@ -20,6 +20,7 @@ from collections.abc import Callable
 import math
 
 from lxml import etree
+from opencv_tools.robot.geometry import Capsule, Geometry
 from opencv_tools.robot.model import (
     Axis, Dynamics, FrameId, Limit, Mimic, MODEL, Placement, RobotFrame)
 from opencv_tools.robot.pose import normalised, Pose, Vector, ZERO
@@ -28,8 +29,10 @@ from opencv_tools.robot.sdf.values import (
     MIMIC, MODEL_FRAME, number_element, number_of, pose_element, pose_of, text_element, Version)
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, ElementT, line_of, required_name, TrackedElement)
-from opencv_tools.robot.xml.numbers import limit_number, number, number_text, numbers_text, vector
+from opencv_tools.robot.xml.numbers import (
+    limit_number, number, number_text, numbers_text, required_number, vector)
 from opencv_tools.robot.xml.passthrough import URDF_TAG
+from opencv_tools.robot.xml.report import Report
 
 AXES = ('axis', 'axis2')
 _XYZ = f'{URDF_TAG}xyz'
@@ -91,6 +94,23 @@ def mimic_of_urdf(element: TrackedElement, joint: str) -> Mimic:
     """
     return Mimic(joint, number(element.get('multiplier', '1'), element, 'multiplier'),
                  number(element.get('offset', '0'), element, 'offset'))
+
+
+def with_capsule(shape: Geometry | None, preserved: TrackedElement | None, report: Report,
+                 name: str) -> Geometry | None:
+    """
+    Return a shape, or the capsule that a writer preserved beside the cylinder in its place.
+
+    :param name: name for the warning of an edited cylinder.
+    """
+    if preserved is None:
+        return shape
+    capsule = Capsule(*(required_number(preserved, size) for size in ('radius', 'length')))
+    if shape == capsule.cylinder:
+        return capsule
+    report.warn('capsule', name, line_of(preserved), 'is ignored: the shape in its place was '
+                'edited')
+    return shape
 
 
 def axis_to_element(axis: Axis, tag: str, version: Version) -> Element:
@@ -161,6 +181,7 @@ def frame_to_element(frame: RobotFrame, pose: Pose, relative_to: str = '') -> El
     return element
 
 
-def fragment_flaw(element: Element) -> str:
-    """Return why the parser of SDF rejects an element or its contents; empty if it does not."""
-    return next(filter(None, map(find_flaw, (element, *parsed_elements(element)))), '')
+def fragment_flaw(element: Element, *, is_exact: bool = False) -> str:
+    """Return the first result of `find_flaw` for an element and its contents."""
+    return next(filter(None, (find_flaw(one, is_exact=is_exact) for one in (
+        element, *parsed_elements(element)))), '')

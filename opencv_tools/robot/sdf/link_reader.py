@@ -17,18 +17,17 @@
 from __future__ import annotations
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, GEOMETRIES, Geometry, Material, Mesh, SOLIDS
+from opencv_tools.robot.geometry import GEOMETRIES, Geometry, Material, Mesh, SOLIDS
 from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link, Placement, Shape
 from opencv_tools.robot.sdf.context import SdfContext
+from opencv_tools.robot.sdf.fragments import with_capsule
 from opencv_tools.robot.sdf.values import (
     color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of,
     with_gazebo_color)
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, local_name, required_name, TrackedElement)
-from opencv_tools.robot.xml.numbers import number, numbers, vector
+from opencv_tools.robot.xml.numbers import numbers, vector
 from opencv_tools.robot.xml.passthrough import URDF_TAG
-
-_URDF_CAPSULE = f'{URDF_TAG}capsule'
 
 
 def read_link(element: TrackedElement, context: SdfContext) -> Link:
@@ -105,22 +104,14 @@ def _read_geometry(shape: TrackedElement, context: SdfContext) -> Geometry | Non
         context.report.warn(local_name(shape), required_name(shape), line_of(shape),
                             'has no <geometry>')
         return None
-    preserved = element.take_first(_URDF_CAPSULE)  # the writer put a cylinder in its place
+    preserved = element.take_first(f'{URDF_TAG}capsule')  # the writer put a cylinder in its place
     children = list(element.element.iterchildren(*GEOMETRIES))
     for ignored in children[1:]:
         context.report.warn(local_name(ignored), required_name(shape), line_of(ignored),
                             'ignored: only the first shape of a <geometry> is read')
     child = element.find(str(children[0].tag)) if children else None
     geometry = _read_known_geometry(child, context) if child else None
-    if preserved is None:
-        return geometry
-    capsule = Capsule(*(number(preserved.get(name), preserved, name)
-                        for name in ('radius', 'length')))
-    if geometry == capsule.cylinder:
-        return capsule
-    context.report.warn('capsule', required_name(shape), line_of(preserved),
-                        'is ignored: the shape in its place was edited')
-    return geometry
+    return with_capsule(geometry, preserved, context.report, required_name(shape))
 
 
 def _read_known_geometry(element: TrackedElement, context: SdfContext) -> Geometry:

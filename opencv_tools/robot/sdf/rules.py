@@ -34,7 +34,7 @@ from opencv_tools.robot.model import WORLD
 from opencv_tools.robot.names import allowed_name, flat_name, Names
 from opencv_tools.robot.xml.defined import read_lines
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of, local_name
-from opencv_tools.robot.xml.numbers import clamped, numbers_text
+from opencv_tools.robot.xml.numbers import c_float, clamped, numbers_text
 from opencv_tools.robot.xml.passthrough import URDF_NAME, URDF_TAG
 from opencv_tools.robot.xml.report import Report
 
@@ -93,6 +93,7 @@ _KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
     'quaternion': (lambda text: _numbers(7, text) and len(text.split()) == 7,
                    '7 finite numbers'),
 }
+_COUNTS = {'double': 1, 'vector3': 3}
 _COLORS = ('ambient', 'diffuse', 'specular', 'emissive', 'color_start', 'color_end')
 
 
@@ -123,8 +124,12 @@ def parsed_elements(element: Element) -> Iterator[Element]:
             pending.extend(reversed(current))
 
 
-def find_flaw(element: Element) -> str:
-    """Return why the parser rejects an element, without its children; empty if it does not."""
+def find_flaw(element: Element, *, is_exact: bool = False) -> str:
+    """
+    Return why the parser rejects an element, without its children; empty if it does not.
+
+    :param is_exact: whether to reject also nan, and text after a number, which the parser ignores.
+    """
     tag = str(element.tag)
     for name in _REQUIRED.get(tag, ()):
         if not element.get(name, '').strip():
@@ -136,15 +141,23 @@ def find_flaw(element: Element) -> str:
     if types and element.get('type') not in types:
         return f'type={element.get("type")!r} is not a type of <{tag}> in SDF'
     text = (element.text or '').strip()
-    return _find_wrong_value(element, text) if text and not len(element) else ''
+    return _find_wrong_value(element, text, is_exact) if text and not len(element) else ''
 
 
-def _find_wrong_value(element: Element, text: str) -> str:
+def _is_exact(text: str, kind: str) -> bool:
+    try:
+        values = tuple(map(c_float, text.split()))
+    except ValueError:
+        return kind not in _COUNTS
+    return len(values) == _COUNTS.get(kind, len(values)) and not any(map(math.isnan, values))
+
+
+def _find_wrong_value(element: Element, text: str, is_exact: bool) -> str:
     kind, low, high = next((rule for end, rule in _RULES.get(str(element.tag), ()) if not end or (
         end == [str(above.tag) for above in islice(element.iterancestors(), len(end))])), _NONE)
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
-    if kind in _KINDS and not _KINDS[kind][0](text):
+    if kind in _KINDS and not (_KINDS[kind][0](text) and (not is_exact or _is_exact(text, kind))):
         return f'{text!r} is not {_KINDS[kind][1]}'
     value = _read_number(text) if (low, high) != _NONE[1:] else None
     if value is not None and (value < low or value > high):

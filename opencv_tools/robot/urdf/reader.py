@@ -26,7 +26,7 @@ import math
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, GEOMETRIES, Geometry, Mesh, SOLIDS
+from opencv_tools.robot.geometry import GEOMETRIES, Geometry, Mesh, SOLIDS
 from opencv_tools.robot.joint_kinds import JOINT_KINDS, URDF_TYPES, WITHOUT_AXIS
 from opencv_tools.robot.kinematics import check_mimic_cycles
 from opencv_tools.robot.model import (
@@ -34,7 +34,7 @@ from opencv_tools.robot.model import (
     Placement, Robot, RobotFrame, Shape)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import (
-    AXES, axis_from_element, frame_from_element, mimic_of_urdf)
+    AXES, axis_from_element, frame_from_element, mimic_of_urdf, with_capsule)
 from opencv_tools.robot.sdf.values import MODEL_FRAME, with_gazebo_color
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.context import read_context, UrdfContext
@@ -110,7 +110,7 @@ def _shape(element: TrackedElement, link_frame: FrameId, link: str, materials: M
                  line=line_of(element))
 
 
-def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
+def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry | None:
     parent = required_child(shape, 'geometry')
     first, *others = _geometry_children(parent.element)
     for other in others:
@@ -125,24 +125,15 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry:
                 if min(map(float, text.split())) < 0:
                     report.warn(element.tag, link, line_of(element),
                                 f'{name}={text!r} is negative')
-    scale = element.element.get('scale', '')
-    if element.tag == 'mesh' and len(scale.split()) == 1:
-        report.warn('mesh', link, line_of(element),
-                    f'scale={scale!r} is one number; it is used for all three axes')
-    geometry = _mesh(element) if element.tag == 'mesh' else _solid(element)
-    if preserved is None:
-        return geometry
-    capsule = Capsule(*(required_number(preserved, name) for name in ('radius', 'length')))
-    if geometry == capsule.cylinder:
-        return capsule
-    report.warn('capsule', link, line_of(preserved), 'is ignored: the shape in its place was '
-                'edited')
-    return geometry
+    geometry = _mesh(element, report, link) if element.tag == 'mesh' else _solid(element)
+    return with_capsule(geometry, preserved, report, link)
 
 
-def _mesh(element: TrackedElement) -> Mesh:
+def _mesh(element: TrackedElement, report: Report, link: str) -> Mesh:
     scale = element.get('scale')
     if scale is not None and len(scale.split()) == 1:
+        report.warn('mesh', link, line_of(element),
+                    f'scale={scale!r} is one number; it is used for all three axes')
         scale = ' '.join([scale] * 3)
     return Mesh(required_attribute(element, 'filename'),
                 None if scale is None else vector(scale, element, 'scale'))

@@ -64,10 +64,10 @@ class Setting:
         return has_axis or not self.paths[0].startswith('axis/')
 
     def flaw(self, text: str) -> str:
-        """Return why SDF refuses a value; empty if it does not."""
+        """Return why a value is not valid; empty if it is."""
         leaf = etree.Element(self.paths[0].rpartition('/')[2])
         leaf.text = text
-        return fragment_flaw(leaf) if text else 'has no value'
+        return fragment_flaw(leaf, is_exact=True) if text else 'has no value'
 
 
 # By kind of the reference and by tag.

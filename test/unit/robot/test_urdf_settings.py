@@ -87,13 +87,26 @@ def test_every_setting_there_and_back(setting: Setting) -> None:
     ('<gazebo reference="a"><mu>0.5</mu></gazebo>', 'no effect in SDF'),
     ('<gazebo reference="j"><mu1>0.5</mu1></gazebo>', 'no effect in SDF'),
     ('<gazebo reference="a"><mu1>rough</mu1></gazebo>', "'rough' is not a number"),
+    ('<gazebo reference="a"><kp>1e5x</kp></gazebo>', "'1e5x' is not a number"),
+    ('<gazebo reference="a"><mu1>0x10</mu1></gazebo>', "'0x10' is not a number"),
+    ('<gazebo reference="a"><minDepth value="nan"/></gazebo>', "'nan' is not a number"),
+    ('<gazebo reference="a"><fdir1>1 0 0 0</fdir1></gazebo>', "'1 0 0 0' is not 3 numbers"),
+    ('<gazebo reference="a"><fdir1>1 0</fdir1></gazebo>', "'1 0' is not 3 numbers"),
+    ('<gazebo reference="a"><dampingFactor>1 2</dampingFactor></gazebo>', "'1 2' is not a number"),
+    ('<gazebo reference="j"><stopErp>1_0</stopErp></gazebo>', "'1_0' is not a number"),
     ('<gazebo reference="a"><mu1/></gazebo>', 'has no value'),
     ('<gazebo reference="a"><turnGravityOff>2</turnGravityOff></gazebo>', "'2' is not true")])
 def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> None:
     model, report = sdf_of(content)
     assert words in report.warnings[0].message
     assert len(model.xpath('*[local-name()="urdf"]/gazebo/*')) == 1
-    assert model.xpath('//surface') == []
+    assert model.xpath('//surface | //velocity_decay | //physics') == []
+
+
+def test_infinite_friction() -> None:
+    model, report = sdf_of('<gazebo reference="a"><mu1>inf</mu1></gazebo>')
+    assert report.warnings == []
+    assert model.xpath('.//mu/text()') == ['inf', 'inf']
 
 
 @each_row('content', [
