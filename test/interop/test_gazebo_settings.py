@@ -256,6 +256,10 @@ def numbers_in(content: str) -> set[str]:
     return found
 
 
+NEXT = '</gazebo><gazebo reference="a">'
+DECAY = '<velocity_decay><linear>0.5</linear><angular>0.25</angular></velocity_decay>'
+
+
 @pytest.mark.parametrize(('path', 'content'), [
     ('link/gravity', '<gravity>1</gravity><turnGravityOff>1</turnGravityOff>'),
     ('link/self_collide', '<self_collide>1</self_collide><selfCollide>0</selfCollide>'),
@@ -263,6 +267,13 @@ def numbers_in(content: str) -> set[str]:
     ('static', '</gazebo><gazebo><static>0</static></gazebo><gazebo><static>1</static>'),
     ('link/velocity_decay/linear', '<velocity_decay><linear>0.5</linear></velocity_decay>'
      '<dampingFactor>0.1</dampingFactor>'),
+    *[('link/velocity_decay/' + tag, content) for tag in ('linear', 'angular') for content in (
+        '<dampingFactor>3</dampingFactor><dampingFactor>7</dampingFactor>',
+        f'<dampingFactor>3</dampingFactor>{NEXT}<dampingFactor>7</dampingFactor>',
+        f'<dampingFactor>3</dampingFactor>{NEXT}<dampingFactor>7</dampingFactor>{NEXT}{DECAY}',
+        f'{DECAY}{NEXT}<dampingFactor>3</dampingFactor>{NEXT}<dampingFactor>7</dampingFactor>',
+        f'<dampingFactor>3</dampingFactor>{DECAY}{NEXT}<dampingFactor>7</dampingFactor>',
+        f'<dampingFactor>3</dampingFactor>{NEXT}{DECAY}')],
     ('link/collision/max_contacts', '<maxContacts>3</maxContacts><collision><max_contacts>5'
      '</max_contacts></collision>'),
     ('link/collision/surface/friction/ode/mu', '<mu1>3</mu1></gazebo><gazebo reference="a">'

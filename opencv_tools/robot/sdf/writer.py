@@ -22,7 +22,7 @@ import math
 from pathlib import Path
 
 from lxml import etree
-from opencv_tools.robot.geometry import Capsule, Geometry
+from opencv_tools.robot.geometry import Capsule
 from opencv_tools.robot.joint_kinds import SDF_TYPES
 from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.model import (
@@ -186,18 +186,14 @@ def _write_geometry(element: Element, shape: Shape, context: _WriteContext) -> N
     parent = etree.SubElement(element, 'geometry')
     if geometry is None:
         etree.SubElement(parent, 'empty')
-    elif isinstance(geometry, Capsule) and context.version < CAPSULE:
+        return
+    if isinstance(geometry, Capsule) and context.version < CAPSULE:
         etree.SubElement(parent, f'{URDF_TAG}capsule',
                          radius=number_text(geometry.radius), length=number_text(geometry.length))
-        _write_supported_geometry(parent, geometry.cylinder)
+        geometry = geometry.cylinder
         context.report.warn('capsule', shape.name, shape.line,
                             f'not supported by SDF {context.version}; written as a cylinder of '
                             'the same length, and preserved as <urdf:capsule>')
-    else:
-        _write_supported_geometry(parent, geometry)
-
-
-def _write_supported_geometry(parent: Element, geometry: Geometry) -> None:
     element = etree.SubElement(parent, type(geometry).__name__.lower())
     for tag, value in vars(geometry).items():
         if value is not None:
@@ -224,9 +220,14 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
     """Write a joint into a model; in the namespace of URDF if SDF does not support its type."""
     kinematics, version = context.kinematics, context.version
     prefix = '' if joint.type in SDF_TYPES else URDF_TAG
-    element = etree.SubElement(model, f'{prefix}joint', name=joint.name)
-    element.set('type', joint.type)
-    _preserve_type(element, joint, context)
+    element = etree.SubElement(model, f'{prefix}joint', name=joint.name, type=joint.type)
+    is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
+    if joint.type == 'revolute' and is_unlimited:  # its reader would change the type
+        element.set(URDF_JOINT_TYPE, joint.type)
+    if prefix:
+        context.report.warn('joint', joint.name, joint.line,
+                            f'{joint.type} joints are not supported by SDF; preserved as '
+                            f'<urdf:joint>, and link {joint.child!r} is not connected')
     text_element(element, 'parent', joint.parent)
     text_element(element, 'child', joint.child)
     frame, child = FrameId('joint', joint.name), FrameId('link', joint.child)
@@ -247,14 +248,3 @@ def _write_joint(model: Element, joint: Joint, context: _WriteContext) -> None:
                 is_joint) else (context.report.warn, f'{axis.mimic.joint!r} is a frame in SDF;')
             note('mimic', joint.name, joint.line, f'{why} preserved as <urdf:mimic>')
     context.write_extension(element, joint)
-
-
-def _preserve_type(element: Element, joint: Joint, context: _WriteContext) -> None:
-    """Preserve a type that SDF does not support, or that its reader would change."""
-    is_unlimited = (joint.limit.lower, joint.limit.upper) == (-math.inf, math.inf)
-    if joint.type == 'revolute' and is_unlimited:
-        element.set(URDF_JOINT_TYPE, joint.type)
-    if joint.type not in SDF_TYPES:
-        context.report.warn('joint', joint.name, joint.line,
-                            f'{joint.type} joints are not supported by SDF; preserved as '
-                            f'<urdf:joint>, and link {joint.child!r} is not connected')

@@ -26,7 +26,7 @@ from opencv_tools.robot.sdf.fragments import fragment_flaw
 from opencv_tools.robot.sdf.values import GAZEBO, MODEL_PARTS, PRESERVING_TAGS
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
-from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF
+from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, SETTING_TAGS
 from opencv_tools.robot.urdf.tree import build_tree, LinkTree
 from opencv_tools.robot.xml.document import (
     detached, Element, line_of, local_name, PARTLY_READ, required_name, TrackedElement)
@@ -77,9 +77,14 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extract
                         'or joint of the robot; the element is preserved unchanged')
         copy = detached(block.element)
         copy.text = None
+        # libsdformat writes damping once for each block, and reads the first one.
+        is_damped = any(child.tag == 'velocity_decay' for owner in owners for child in (
+            *extracted.moved.get(owner, ()), *extracted.values.get(owner, ())))
         # Settings replace the values of <visual>, <collision> and <physics> in their block.
-        for element in sorted(copy.iterchildren(etree.Element), key=_is_setting):
-            flaw = _extract(element, owners, root.get('name', ''), tree, extracted, report)
+        for element in sorted(copy.iterchildren('*'), key=lambda one: one.tag in SETTING_TAGS):
+            flaw = 'has no effect: an earlier <gazebo> of the link has damping' if (
+                is_damped and element.tag == 'dampingFactor') else _extract(
+                    element, owners, root.get('name', ''), tree, extracted, report)
             if flaw is None:
                 copy.remove(element)
             elif flaw:
@@ -135,10 +140,6 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
             return flaw or None
     is_known = not owners or tag in PRESERVING_TAGS or tag.startswith('{')
     return '' if is_known else 'has no effect in SDF'
-
-
-def _is_setting(element: Element) -> bool:
-    return any(tag == element.tag for _, tag in SETTING_OF)
 
 
 def _has_place(setting: Setting, name: str, tree: LinkTree) -> bool:

@@ -75,6 +75,7 @@ SETTING_OF = {(kind, tag): Setting(
     tag, words[0], tuple(path.lstrip('!') for path in words[1:]), words[1][0] == '!')
     for key, words in GAZEBO_LINES.items() for kind, slash, tag in [key.partition('/')] if slash}
 SETTINGS = tuple(SETTING_OF.values())
+SETTING_TAGS = {setting.tag for setting in SETTINGS}
 # Elements that ``<gazebo>`` has for all visuals or collisions of a link.
 _SHARED = {'visual': ('cast_shadows', 'plugin', 'transparency', 'visibility_flags'),
            'collision': ('surface',)}
