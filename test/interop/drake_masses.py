@@ -53,5 +53,5 @@ for file in sys.argv[1:]:
     try:
         found[file] = masses(file)
     except RuntimeError as err:
-        found[file] = {'error': str(err)[:200]}
+        found[file] = {'error': str(err)}
 print(json.dumps(found))
