@@ -344,6 +344,20 @@ def test_slider_and_mimic_joint(page: Page) -> None:
     assert not any(map(any, page.evaluate('robotView.page.views[0].motion.positions')))
 
 
+def test_offsets_of_mimics_at_zero(page: Page) -> None:
+    path = ROOT / 'test/data/robots/urdf/ok_mimic_of_a_mimic.urdf'
+    show(page, path)
+    robot, _ = read_robot(str(path), Report())
+    at_zero = with_mimics(robot, {joint.name: [0.0] for joint in robot.joints})
+    positions = [pytest.approx(at_zero[joint.name]) for joint in robot.joints]
+    shown = 'robotView.page.views[0].motion.positions'
+    assert page.evaluate(shown) == positions and any(map(any, at_zero.values()))
+    page.evaluate(f'robotView.move({[joint.name for joint in robot.joints].index("first")}, 0, 1)')
+    assert page.evaluate(shown) != positions
+    page.press('0')
+    assert page.evaluate(shown) == positions
+
+
 def test_numbers_and_lines_of_both_files(page: Page) -> None:
     show(page, SHIPPED[0])
     page.evaluate("[...document.querySelectorAll('#tree button')].find((one) => "

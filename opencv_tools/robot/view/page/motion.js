@@ -74,8 +74,7 @@ export class Motion {
     this.steps = robot.joints.map((joint) => ['step', 'child_step', 'loop_step'].map(
       (name) => matrixOf(joint[name])));
     this.frameSteps = robot.frames.map((frame) => matrixOf(frame.step));
-    // At zero, mimic joints are not moved: formats place links without regard to mimics.
-    this.update();
+    this.reset();
   }
 
   /** Set one number of a joint's position, and those of the joints that mimic it. */
@@ -94,9 +93,10 @@ export class Motion {
     this.update();
   }
 
-  /** Set all positions to zero, without regard to mimics. */
+  /** Set all positions to zero, and those of the joints that mimic others. */
   reset() {
     for (const position of this.positions) position.fill(0);
+    this.follow();
     this.update();
   }
 
