@@ -33,12 +33,15 @@ from opencv_tools.datasets.pictures import fingerprint
 from opencv_tools.datasets.plan import IMAGES
 from opencv_tools.datasets.set_reader import MAX_TIME_ERROR, SetReader, values_of
 from opencv_tools.datasets.videos import (
-    frame_codes, frame_luma, video_frames)
+    frame_codes, frame_luma, frame_step, video_frames)
 
 _MAX_LEVELS = 12.0  # largest difference of the small pictures of a frame, on average
 _MAX_CODES = 0.5  # the same of depth, which has no losses
 _ROUNDING = 1.01  # of numbers with 32 bits
 _CLEAR_LEVELS = 2.0  # by which two rows must differ, because H.264 rounds the levels
+# Largest error of a part of the small pictures, in steps of the quantisation of a pixel; blocks
+# of more pixels have a smaller error.
+_MAX_STEPS, _BLOCK_SIDE = 0.6, 4
 _SHIFT_LEVELS = 0.5  # by which the picture of another row must fit better
 
 
@@ -170,6 +173,7 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
         begin += row['length']
     count, late = 0, 0
     seen: list[NDArray[Any]] = []
+    steps: list[float] = []
     height, width, *_ = reader.features[key]['shape']
     for time, frame in video_frames(path):
         if (frame.width, frame.height) != (width, height):
@@ -182,6 +186,7 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
             reader.on_frame(key, frame)
         if prints is not None and count <= expected:
             seen.append(fingerprint(frame_luma(frame)) if points is None else points)
+            steps.append(0.0 if depth else frame_step(frame))
     if late:
         yield f'{late} frames are not at k / {reader.fps} s'
     if count != expected:
@@ -192,9 +197,10 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
             yield f'its {expected} rows begin at row {first}, but there are {len(prints)} rows'
         else:
             found, wanted = np.array(seen), prints[first:first + expected]
+            side = min(max(1.0, (height * width / wanted.shape[1]) ** 0.5), _BLOCK_SIDE)
             unclear = yield from _picture_problems(
                 found, depth.expected(wanted, found) if depth else wanted,
-                _MAX_CODES if depth else _MAX_LEVELS)
+                _MAX_CODES if depth else _MAX_LEVELS, np.array(steps) * _MAX_STEPS / side)
             if unclear:
                 reader.notes.append(
                     f'{printable(key)}: cannot tell whether {unclear} of {count} rows are shifted,'
@@ -204,14 +210,15 @@ def _file_problems(reader: SetReader, key: str, path: Any, episodes: list[dict[s
 
 
 def _picture_problems(seen: NDArray[Any], expected: NDArray[Any], limit: float,
-                      ) -> Generator[str, None, int]:
+                      explained: NDArray[np.float64]) -> Generator[str, None, int]:
     """
     Yield which frames do not show the pictures of the bag, or show those of another row.
 
+    :param explained: error of each frame that its quantisation explains.
     :returns: number of rows that differ from both next ones by less than the error of the codec.
     """
     errors = np.abs(seen.astype(int) - expected).mean(axis=1)
-    bad = np.flatnonzero(errors > limit)
+    bad = np.flatnonzero(errors > np.maximum(limit, explained))
     if len(bad):
         yield f'{len(bad)} frames differ from the pictures of the bag, the first is {bad[0]}'
     unclear = np.full(len(errors), limit > 1)  # codes have no losses
@@ -219,7 +226,8 @@ def _picture_problems(seen: NDArray[Any], expected: NDArray[Any], limit: float,
         moved = np.abs(seen.astype(int) - np.roll(expected, shift, axis=0)).mean(axis=1)
         moved[-1 if shift < 0 else 0] = np.inf
         steps = np.abs(expected - np.roll(expected.astype(int), shift, axis=0)).mean(axis=1)
-        is_clear = steps > max(_CLEAR_LEVELS, _SHIFT_LEVELS + np.median(np.minimum(errors, moved)))
+        is_clear = steps > np.maximum(explained, max(
+            _CLEAR_LEVELS, _SHIFT_LEVELS + np.median(np.minimum(errors, moved))))
         unclear &= ~is_clear
         wrong = np.flatnonzero((moved + _SHIFT_LEVELS < errors) & is_clear)
         if len(wrong):

@@ -21,6 +21,7 @@ from contextlib import suppress
 from fractions import Fraction
 import os
 from pathlib import Path
+import struct
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,9 @@ PRESET = 'superfast'
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
 _LEAST_PREDICTED = 64  # width in pixels
 _LEAST_SIDE = 16  # of depth, in pixels
+# AVVideoEncParams of FFmpeg: number, offset and size of the blocks, and the quantiser of a frame.
+# After its place and size, a block has the difference of its own quantiser.
+_PARAMETERS_TYPE, _PARAMETERS, _DIFFERENCE_AT = 19, '@IQQii', 16
 
 
 def check_depth_size(codes: NDArray[Any]) -> None:
@@ -205,6 +209,7 @@ def video_frames(path: Path) -> Iterator[tuple[Fraction, Any]]:
         with av.open(str(path)) as container:
             stream: Any = container.streams.video[0]
             stream.thread_type = 'AUTO'
+            stream.codec_context.options = {'export_side_data': 'venc_params'}
             for frame in container.decode(stream):
                 if frame.pts is None or frame.is_corrupt:
                     raise DatasetError('it has a damaged frame')
@@ -217,6 +222,17 @@ def frame_luma(frame: Any) -> NDArray[np.uint8]:
     """Return the brightness of a frame of 8 bits with the range of TV, (h, w), from 0 to 255."""
     luma = _first_plane(frame, np.uint8).astype(np.float32)
     return np.clip((luma - 16) * (255 / 219), 0, 255).astype(np.uint8)
+
+
+def frame_step(frame: Any) -> float:
+    """Return the step of the quantisation of a frame of H.264 in levels; 0.0 if it is unknown."""
+    for side in frame.side_data:
+        if int(getattr(side.type, 'value', side.type)) == _PARAMETERS_TYPE:
+            data = bytes(side)
+            count, begin, size, _, quantiser = struct.unpack_from(_PARAMETERS, data)
+            own = np.ndarray(count, np.int32, data, begin + _DIFFERENCE_AT, (size,)).sum()
+            return float(2 ** ((quantiser + own / max(1, count) - 4) / 6))
+    return 0.0
 
 
 def frame_codes(frame: Any) -> NDArray[np.uint16]:

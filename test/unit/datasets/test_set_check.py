@@ -408,6 +408,17 @@ def test_noise_that_the_codec_takes_away_is_no_error(
     assert main(['--check', str(folder)]) == 0, capsys.readouterr()
 
 
+@pytest.mark.parametrize(('height', 'width'), [(7, 5), (48, 64), (240, 320), (31, 33)])
+@pytest.mark.parametrize('crf', [23, 37, 44, 51])
+def test_pictures_that_the_codec_changes_a_lot_are_no_error(
+        crf: int, height: int, width: int, tmp_path: Path, capsys: Errors) -> None:
+    noise = np.random.default_rng(5)
+    set_of_pictures(tmp_path, [
+        noise.integers(0, 256, (height, width, 3)) for _ in range(60)], '--crf', crf)
+    capsys.readouterr()
+    assert main(['--check', str(tmp_path / 'set')]) == 0, capsys.readouterr()
+
+
 @pytest.mark.parametrize(('step', 'texture'), [(0.5, 2.0), (1.0, 0.0), (2.0, 0.0), (0.3, 5.0)])
 def test_slow_changes_of_light_are_no_error(
         step: float, texture: float, tmp_path: Path, capsys: Errors) -> None:
