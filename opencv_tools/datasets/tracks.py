@@ -47,7 +47,7 @@ class Track:
     :param messages: (n,) number of the message of each sample among all of the topic, from 0.
     :param values: (n, d) numbers of each sample; (n, 0) for images.
     :param logs: (n,) times of the recording of the samples.
-    :param late: number of samples that are left out, because another one has the same time or,
+    :param late: number of samples that are left out, because a later one has the same time or,
         in a topic of video, an earlier one has a later time.
     :param partial: number of messages that have none of the numbers, or not all of them while one
         is older than the largest gap.
@@ -154,7 +154,7 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
     logs, places = integers(samples.logs), integers(samples.places)
     order = np.arange(len(times)) if samples.has_video else np.argsort(times, kind='stable')
     values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)[order]
-    times, partial, incomplete = times[order], np.zeros(len(times), np.bool_), 0
+    times, partial, complete = times[order], np.zeros(len(times), np.bool_), np.arange(len(times))
     if samples.source:
         known = np.frombuffer(samples.known, np.bool_).reshape(values.shape)[order]
         newest = np.maximum.accumulate(np.where(known, np.arange(len(times))[:, None], -1))
@@ -162,21 +162,18 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
         if oldest[-1] < 0:
             missing = [one for one, place in zip(samples.source.names, newest[-1]) if place < 0]
             raise DatasetError(f'{name}: no message has {enumerated(missing)}')
-        incomplete = int(np.count_nonzero(oldest < 0))
-        partial = (oldest >= 0) & (~known.any(axis=1) | (
-            times - times[oldest] > plan.max_gap * NANO))
-        # Messages of two publishers may have one time, and the last one has all numbers.
-        kept = np.concatenate((times[1:] > times[:-1], [True])) & (oldest >= 0) & ~partial
-    else:
-        latest = np.maximum.accumulate(times)
-        kept = np.concatenate(([True], times[1:] > latest[:-1]))
-    if not kept.any():
+        complete = np.flatnonzero(oldest >= 0)
+        partial = ~known.any(axis=1) | (times - times[oldest] > plan.max_gap * NANO)
+    usable = complete[~partial[complete]]
+    if not len(usable):
         raise DatasetError(f'{name} has no message with all numbers within --max-gap')
+    steps = np.diff(np.maximum.accumulate(times[usable])) > 0
+    # The last one of messages with one time has the numbers of all.
+    kept = usable[np.append(True, steps) if samples.has_video else np.append(steps, True)]
     return Track(
         topic=samples.topic, times=times[kept], messages=places[order][kept], values=values[kept],
-        logs=logs[order][kept], partial=int(np.count_nonzero(partial)),
-        late=int(np.count_nonzero(~kept) - np.count_nonzero(partial)) - incomplete,
-        left_out=samples.left_out + incomplete,
+        logs=logs[order][kept], partial=len(complete) - len(usable), late=len(usable) - len(kept),
+        left_out=samples.left_out + len(times) - len(complete),
         failed=samples.damaged + max(0, count - samples.count),
         offset_ns=int(np.median(logs[order] - times)))
 
@@ -209,13 +206,7 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
                  if plan.clock == 'stamp' and one.leave_out_zero()]
     tracks = {name: _track(one, plan, name, bag.topics[one.topic])
               for name, one in samples.items()}
-    warnings += [f'{name}: {one.damaged} messages cannot be read'
-                 for name, one in samples.items() if one.damaged]
-    warnings += [f'{name}: {track.late} messages are left out, because their times are not later '
-                 'than those before them' for name, track in tracks.items() if track.late]
-    warnings += [f'{name}: {track.partial} messages are left out, because they have none of the '
-                 'numbers, or not all of them within --max-gap'
-                 for name, track in tracks.items() if track.partial]
+    warnings += _left_out_warnings(samples, tracks)
     warnings += [f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, as '
                  'those of a simulation, and rows are counted by the stamps'
                  for name, one in samples.items()
@@ -229,6 +220,22 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     clock = _Clock(tracks)
     return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, clock) if events else [],
                      start_ns=clock.stamp(bag.first_ns), warnings=warnings)
+
+
+def _left_out_warnings(samples: Mapping[str, Samples], tracks: Mapping[str, Track]) -> list[str]:
+    """Return sentences about the messages between others that are left out."""
+    found = []
+    for name, one in samples.items():
+        late = 'their times are not later than those before them' if one.has_video else (
+            'later ones have the same times' + (
+                '; numbers that only the earlier ones have are used' * bool(one.source)))
+        counts = {
+            'cannot be read': one.damaged,
+            f'are left out, because {late}': tracks[name].late,
+            'are left out, because they have none of the numbers, or not all of them within '
+            '--max-gap': tracks[name].partial}
+        found += [f'{name}: {count} messages {text}' for text, count in counts.items() if count]
+    return found
 
 
 class _Clock:

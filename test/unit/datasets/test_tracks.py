@@ -50,10 +50,8 @@ def row_times(start: int, end: int, fps: int) -> Iterator[int]:
 def expected(times: dict[int, int], first_ns: int = BEGAN, last_ns: int = 1 << 62, fps: int = 30,
              nearest: bool = False) -> tuple[int, list[int]]:
     """Return the time of the first row, and the number of the picture of each by a search."""
-    newest: dict[int, int] = {}
-    for number, time_ns in times.items():  # in the order of the bag
-        if time_ns not in newest.values():
-            newest[number] = time_ns
+    last = {time_ns: number for number, time_ns in times.items()}  # in the order of the bag
+    newest = {number: time_ns for time_ns, number in last.items()}
     start, end = max(first_ns, min(newest.values())), min(last_ns, max(newest.values()))
     if not nearest:  # rows begin later, until 99 of 100 nearest pictures are before them
         late = []
@@ -255,6 +253,46 @@ def test_two_publishers_of_joints(
         assert np.allclose(state, [expected_values[name] for name in joints], atol=1e-5)
     errors = capsys.readouterr().err
     assert ('99 messages are left out, because they have none' in errors) == (joints == ['grip'])
+
+
+@pytest.mark.parametrize('joints', ['shoulder,elbow,wrist', 'grip', 'grip,wrist', 'elbow'])
+@pytest.mark.parametrize('period', [1, 2, 25])
+def test_two_publishers_of_joints_with_the_same_stamps(
+        period: int, joints: str, tmp_path: Path, capsys: Errors) -> None:
+    arm = [permuted(('shoulder', 'elbow', 'wrist'), step) for step in range(100)]
+    grips = [joints_entry(BEGAN + step * S // 50, [float(step)], ['grip'], '/arm')
+             for step in range(0, 100, period)]
+    drive = Drive(others=[*arm, *(entry._replace(log_ns=entry.log_ns + S // 1000)
+                                  for entry in grips)])
+    folder = converted(tmp_path, drive, *CAMERA, '--state', '/arm.position', '--joints', joints)
+    names = joints.split(',')
+    states = rows_of(folder)['observation.state'].reshape(-1, len(names))
+    assert len(states) > 55 - period * 30 // 50
+    for now, state in zip(stamps_of(folder, '/arm.position'), states):
+        values = dict(zip(('shoulder', 'elbow', 'wrist'), joint_values(now)))
+        values['grip'] = (now - BEGAN) * 50 // S // period * period
+        assert np.allclose(state, [values[name] for name in names], atol=1e-5)
+    # The first one of the arm has no number of the gripper yet.
+    later = f'{len(grips) - 1} messages are left out, because later ones have the same times; num'
+    errors = capsys.readouterr().err
+    assert (later in errors) == (joints == 'grip,wrist'), errors
+    assert ', of 200 messages' in errors or period > 1
+
+
+@pytest.mark.parametrize('every', [1, 3, 10])
+def test_the_last_picture_of_one_stamp_is_shown(
+        every: int, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive()
+    twice = range(0, 60, every)
+    drive.others = [jpeg_entry(100 + number, time_ns, log_ns=time_ns + S // 100)
+                    for number in twice for time_ns in [drive.picture_ns(number)]]
+    folder = converted(tmp_path, drive, *USUAL)
+    shown = [*range(60)]
+    shown[::every] = [100 + number for number in twice]
+    assert check_rows(folder, lambda number: drive.picture_ns(number % 100)) == shown
+    errors = capsys.readouterr().err
+    assert f'front: {len(twice)} messages are left out, because later ones have the s' in errors
+    assert f'{len(twice)} dropped, 0 before' in errors
 
 
 @pytest.mark.parametrize(('factor', 'begin', 'late'), [
