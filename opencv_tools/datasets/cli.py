@@ -45,8 +45,9 @@ examples:
 
 exit status:
   0  success
-  1  a bag cannot be converted, a set has errors, or a signal ended the command
-  2  invalid arguments
+  1  a bag cannot be converted, a message failed (the set is written nevertheless), a set has
+     errors, or a signal ended the command
+  2  invalid arguments, also topics and joints that no bag has
 """
 
 

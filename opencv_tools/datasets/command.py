@@ -27,7 +27,7 @@ from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.check import check_set
 from opencv_tools.datasets.conversion import Conversion
 from opencv_tools.datasets.episodes import read_intervals
-from opencv_tools.datasets.errors import DatasetError, os_reason
+from opencv_tools.datasets.errors import DatasetError, os_reason, UnreadableError
 from opencv_tools.datasets.plan import (
     ACTION, Interval, LEROBOT, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan,
     RESERVED, STATE, unique)
@@ -121,14 +121,16 @@ def run(options: Namespace) -> int:
             return _EXIT_OK if check_set(paths[0], log) else _EXIT_FAILURE
         if options.merge:
             _check_count(paths, 2, 1 << 30, 'img_convert --merge SHARD [SHARD ...] SET')
-            is_written = merge_shards(paths[:-1], paths[-1], overwrite=options.overwrite,
-                                      skip_failed=options.skip_failed, log=log)
-            return _EXIT_OK if is_written else _EXIT_FAILURE
+            failed = merge_shards(paths[:-1], paths[-1], overwrite=options.overwrite,
+                                  skip_failed=options.skip_failed, log=log)
+            return _EXIT_FAILURE if failed else _EXIT_OK
         _check_count(paths, 2, 2, 'img_convert SOURCE TARGET --format FORMAT')
         return Conversion(options, plan_of(options), paths[1], log).run()
     except OSError as err:
         log.error(os_reason(err))
-        return _EXIT_FAILURE
+    except UnreadableError as err:
+        log.error(str(err))
+    return _EXIT_FAILURE
 
 
 def _check_count(paths: Sequence[Path], least: int, most: int, usage: str) -> None:

@@ -33,17 +33,18 @@ from opencv_tools.datasets.part import bag_state, is_done, read_part
 from opencv_tools.datasets.pictures import check_sizes, rows_with_pictures
 from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
 from opencv_tools.datasets.row_values import row_vectors, shortened, topic_accounts
-from opencv_tools.datasets.set_writing import topic_lines, write_set
+from opencv_tools.datasets.set_writing import failed_messages, topic_lines, write_set
 from opencv_tools.datasets.shards import write_shard
 from opencv_tools.datasets.tracks import open_bag, read_recording, resolved
 from opencv_tools.datasets.videos import check_depth_size
 
 
-def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
+def describe_bag(job: Job, plan: Plan) -> int:
     """
-    Yield lines about a bag: all numbers and heads of pictures are read, the first pictures tried.
+    Print lines about a bag: all numbers and heads of pictures are read, the first pictures tried.
 
     :param plan: plan with the names of all numbers.
+    :returns: number of messages that failed.
     :raises DatasetError: the bag cannot be converted by the plan.
     """
     bag, name = open_bag(job.path, job.files), job.name
@@ -67,17 +68,18 @@ def describe_bag(job: Job, plan: Plan) -> Iterator[str]:
         codes = DepthImages(camera, codes_of(plan)).read(pictures[camera])
         if plan.format == LEROBOT:
             check_depth_size(codes)
-    yield f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes'
+    print(f'{printable(name)}: {sum(rows)} rows in {len(rows)} episodes')
     for found, count in sorted(bag.topics.items(), key=lambda pair: pair[0].name):
         use = ' and '.join(uses.get(found.name, ['not used']))
-        yield f'  {printable(found.name)} ({printable(found.type_name)}, {count}): {use}'
+        print(f'  {printable(found.name)} ({printable(found.type_name)}, {count}): {use}')
     if plan.next_action:
-        yield f'  {ACTION}: the state of the next row'
+        print(f'  {ACTION}: the state of the next row')
     described = {'topics': topic_accounts(recording, kept, kept)}
     for line in [*topic_lines([described]), *(f'warning: {one}' for one in recording.warnings)]:
-        yield f'  {line}'
+        print(f'  {line}')
     if plan.images:
-        yield '  of each camera, only the first picture is decoded'
+        print('  of each camera, only the first picture is decoded')
+    return failed_messages([described])
 
 
 _EXIT_OK, _EXIT_FAILURE = 0, 1
@@ -135,29 +137,29 @@ class Conversion:
                     'written; remove the causes and run the command again, which converts only '
                     'what is missing, or leave these bags out with --skip-failed')
                 return _EXIT_FAILURE
-            if not write_set([job.folder for job in done], self._target, self._log):
+            lost = write_set([job.folder for job in done], self._target, self._log)
+            if lost < 0:
                 return _EXIT_FAILURE
             for part in self._parts.iterdir():
                 if part.is_dir():
                     remove_part(part)
-        return _EXIT_FAILURE if failed else _EXIT_OK
+        return _EXIT_FAILURE if failed or lost else _EXIT_OK
 
     def _resolved(self, plan: Plan, jobs: Sequence[Job]) -> Plan:
         """Return the plan with the names of all numbers, those of the first bag that has them."""
-        reason = ''
+        errors = []
         for job in jobs[:_MOST_TRIED]:
             try:
                 return resolved(plan, job.path, job.files)
             except DatasetError as err:
-                reason = reason or f'{printable(job.name)}: {err}'
-        raise DatasetError(reason)
+                errors.append(type(err)(f'{printable(job.name)}: {err}'))
+        raise errors[0]
 
     def _dry_run(self) -> int:
         failed = 0
         for job in self._jobs:
             try:
-                for line in describe_bag(job, self._plan):
-                    print(line)
+                failed += describe_bag(job, self._plan)
             except DatasetError as err:
                 failed += 1
                 self._log.error(f'{printable(job.name)}: {err}')

@@ -23,6 +23,10 @@ class DatasetError(ValueError):
     """A data set cannot be written or read. The message contains the reason and the remedy."""
 
 
+class UnreadableError(DatasetError):
+    """A bag cannot be opened, whatever the arguments are."""
+
+
 def reason_of(err: Exception) -> str:
     """Return the printable reason of an error, without the number of FFmpeg or the system."""
     return printable(getattr(err, 'strerror', None) or err)

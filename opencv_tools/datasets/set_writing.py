@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,9 +72,16 @@ def depth_lines(parts: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
+def failed_messages(described: Iterable[Mapping[str, Any]]) -> int:
+    """Return the number of messages that could not be read or decoded; see `topic_lines`."""
+    return sum(one['failed'] for part in described for one in part['topics'].values())
+
+
+def write_set(parts: Sequence[Path], target: Path, log: Log) -> int:
     """
-    Write a set of parts, and log its account; return whether they fit each other.
+    Write a set of parts, and log its account.
+
+    :returns: number of messages that failed; -1 if the parts do not fit each other.
 
     :raises OSError: a file cannot be read or written.
     """
@@ -85,19 +92,19 @@ def write_set(parts: Sequence[Path], target: Path, log: Log) -> bool:
             merge_parts(parts, described, folder)
     except DatasetError as err:
         log.error(str(err))
-        return False
+        return -1
     for line in [*topic_lines(described), *depth_lines(described)]:
         log.info(line)
     episodes = [episode for part in described for episode in part['episodes']]
     log.info(f'{printable(target, MAX_PATH)} has {len(episodes)} episodes with '
              f'{sum(episode["length"] for episode in episodes)} rows of {len(parts)} bags')
-    return True
+    return failed_messages(described)
 
 
 def merge_shards(folders: Sequence[Path], target: Path, *, overwrite: bool, skip_failed: bool,
-                 log: Log) -> bool:
+                 log: Log) -> int:
     """
-    Write a set of what shards have written; return whether their parts fit each other.
+    Write a set of what shards have written; return what `write_set` returns.
 
     :raises DatasetError: a shard or a bag is missing, or the target cannot be used.
     :raises OSError: a file cannot be read or written.

@@ -30,7 +30,7 @@ from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_video import can_begin, is_video
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, UnreadableError
 from opencv_tools.datasets.plan import NumbersSource, Plan
 from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
 
@@ -89,12 +89,12 @@ def open_bag(path: Path, files: Sequence[Path] = ()) -> Bag:
     Open a bag.
 
     :param files: files of the bag; empty for those of the path.
-    :raises DatasetError: it cannot be read.
+    :raises UnreadableError: it cannot be read.
     """
     try:
         return Bag(path, files)
     except (ValueError, OSError) as err:
-        raise DatasetError(_reason(err)) from err
+        raise UnreadableError(_reason(err)) from err
 
 
 def find_topic(bag: Bag, name: str, images: bool = False) -> BagTopic:
@@ -125,6 +125,8 @@ def resolved(plan: Plan, path: Path, files: Sequence[Path] = ()) -> Plan:
     :raises DatasetError: a topic has no message, or no such numbers.
     """
     bag = open_bag(path, files)
+    for _, topic in plan.images:
+        find_topic(bag, topic, images=True)
     names = {source: _chosen_names(bag, source) for source in plan.sources}
     found = {name for chosen in names.values() for name in chosen}
     missing = [name for source in plan.sources for name in source.names if name not in found]

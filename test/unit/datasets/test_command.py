@@ -106,6 +106,34 @@ def parts_of(bags: Path) -> dict[str, tuple[int, int]]:
     return found
 
 
+@pytest.mark.parametrize(('form', 'target'), [
+    ('set', 'set'), ('set', 'dry'), ('bag', 'copy.mcap'), ('bag', 'pictures/{seq}.png')])
+@pytest.mark.parametrize(('bag', 'topic', 'status'), [
+    ('a.mcap', '/wrong', 2), ('a.mcap', '/cam0/image_raw/compressed', 0),
+    ('absent.mcap', '/cam0/image_raw/compressed', 1)])
+def test_status_is_that_of_conversions_to_bags_and_pictures(
+        form: str, target: str, bag: str, topic: str, status: int, tmp_path: Path) -> None:
+    Drive(seconds=0.2).write(tmp_path / 'a.mcap')
+    words = ('--topic', topic) if form == 'bag' else (
+        '--format', 'parquet', '--fps', '30', '--image', f'front={topic}', '--state',
+        '/joint_states.position', *['--dry-run'] * (target == 'dry'))
+    assert main([str(tmp_path / bag), str(tmp_path / target), *words]) == status
+
+
+@pytest.mark.parametrize('damaged', [1, 3, 4])
+def test_messages_that_fail_are_in_the_status(damaged: int, tmp_path: Path) -> None:
+    drive = Drive(seconds=0.2)
+    drive.others = [entry._replace(data=entry.data[:6]) for entry in drive.entries()
+                    if entry.topic == '/joint_states'][1:1 + damaged]
+    bag = drive.write(tmp_path / 'a.mcap')
+    for form, words in (('lerobot', ()), ('parquet', ()), ('webdataset', ('--dry-run',))):
+        assert convert(bag, tmp_path / form, *USUAL, *words, form=form) == 1
+        assert (tmp_path / form).exists() == (not words)
+    assert convert(bag, tmp_path / 'shard', *USUAL, '--shard', '1/1') == 0
+    assert main(['--merge', str(tmp_path / 'shard'), str(tmp_path / 'merged')]) == 1
+    assert main(['--check', str(tmp_path / 'merged')]) == 0
+
+
 def test_next_run_converts_only_what_is_missing(bags: Path, capsys: Errors) -> None:
     words = [str(word) for word in words_of(bags)]
     good = (bags / '1.mcap').read_bytes()

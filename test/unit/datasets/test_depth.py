@@ -471,7 +471,7 @@ def test_topic_that_changes_to_depth(tmp_path: Path, capsys: Output, form: str) 
         [entry(number, colours, 'bgr8') for number in range(3)]
         + [entry(number, picture(number)) for number in range(3, 6)]))
     assert convert(tmp_path / 'a.mcap', tmp_path / 'set', '--image', f'wrist={TOPIC}',
-                   form=form) == 0
+                   form=form) == 1
     printed = capsys.readouterr().err
     assert printed.count('wrist: message 3 cannot be decoded: 16UC1 has more than 8 bits a pixel; '
                          'if it is depth, use --depth') == 1
@@ -568,7 +568,7 @@ def test_damaged_compressed_depth_repeats_the_last(tmp_path: Path, capsys: Outpu
     entries = [entry(number, picture(number), codec='png') for number in range(4)]
     entries[2] = entries[2]._replace(data=entries[2].data[:-40])
     write_mcap(tmp_path / 'a.mcap', with_definitions(entries))
-    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 0
+    assert convert(tmp_path / 'a.mcap', tmp_path / 'set', *DEPTH) == 1
     codes = codes_of(tmp_path / 'set')
     assert (codes[2] == codes[1]).all() and (codes[3] != codes[1]).any()
     assert 'wrist_depth: 1 pictures cannot be decoded' in capsys.readouterr().err

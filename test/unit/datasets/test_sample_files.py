@@ -113,8 +113,8 @@ def test_damaged_pictures_and_merged_shards(form: str, tmp_path: Path, capsys: E
         assert convert(tmp_path / 'bags', tmp_path / shard, *USUAL, '--shard', f'{shard}/2',
                        form=form) == 0
     assert 'front: 1 pictures cannot be decoded' in capsys.readouterr().err
-    assert main(['--merge', *(str(tmp_path / one) for one in ('1', '2', 'set'))]) == 0
-    assert convert(tmp_path / 'bags', tmp_path / 'whole', *USUAL, form=form) == 0
+    assert main(['--merge', *(str(tmp_path / one) for one in ('1', '2', 'set'))]) == 1
+    assert convert(tmp_path / 'bags', tmp_path / 'whole', *USUAL, form=form) == 1
     assert {path.name: path.read_bytes() for path in (tmp_path / 'set').iterdir()} == {
         path.name: path.read_bytes() for path in (tmp_path / 'whole').iterdir()}
     assert convert(tmp_path / 'bags', tmp_path / '3', *USUAL, '--shard', '2/2', fps=10,
