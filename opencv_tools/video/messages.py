@@ -42,7 +42,7 @@ VIDEO_TOPICS = {FFMPEG_PACKET: 'ffmpeg', COMPRESSED_VIDEO: 'foxglove'}
 
 # Begins of names of codecs and encoders in messages.
 _NAMES = {'h264': 'h264', 'libx264': 'h264', 'avc': 'h264', 'h265': 'h265', 'hevc': 'h265',
-          'libx265': 'h265', 'av1': 'av1', 'libsvtav1': 'av1', 'libaom': 'av1'}
+          'libx265': 'h265', 'av1': 'av1', 'libsvtav1': 'av1', 'libaom': 'av1', 'librav1e': 'av1'}
 _KEY_FRAME = 1  # AV_PKT_FLAG_KEY of FFmpeg
 _MAX_TEXT = 40  # characters of a text in a description
 _MAX_SIDE = 1 << 16  # pixels
