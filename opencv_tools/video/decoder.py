@@ -130,7 +130,7 @@ class VideoDecoder:
                              f"'{_DECODERS[self._codec]}'") from err
         # With one thread FFmpeg finds more damages of H.264.
         context.options = {
-            **_OPTIONS.get(self._codec, {}), 'flags': '+low_delay', 'threads': '1',
+            **_OPTIONS.get(self._codec, {}), 'flags': '+low_delay+unaligned', 'threads': '1',
             'max_pixels': str(2 * self._max_pixels + _BLOCK * 2 ** 16)}  # with padding
         return context
 

@@ -130,11 +130,11 @@ def long(path: Path) -> Path:
     return path
 
 
-def judged(path: Path) -> tuple[np.ndarray, list[float]]:
+def judged(path: Path, *options: str) -> tuple[np.ndarray, list[float]]:
     """Return the pictures, all bytes in a row, and the times of the frames by ffmpeg."""
-    pixels = run('ffmpeg', '-v', 'error', '-i', path, '-map', '0:v:0', '-fps_mode', 'passthrough',
-                 '-vf', 'scale=flags=accurate_rnd+full_chroma_int+full_chroma_inp', '-pix_fmt',
-                 'bgr24', '-f', 'rawvideo', '-')
+    pixels = run('ffmpeg', '-v', 'error', *options, '-i', path, '-map', '0:v:0', '-fps_mode',
+                 'passthrough', '-vf', 'scale=flags=accurate_rnd+full_chroma_int+full_chroma_inp',
+                 '-pix_fmt', 'bgr24', '-f', 'rawvideo', '-')
     found = json.loads(run(
         'ffprobe', '-v', 'error', '-select_streams', 'v:0', '-show_entries',
         'frame=best_effort_timestamp_time', '-of', 'json', path))['frames']

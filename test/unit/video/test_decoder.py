@@ -17,12 +17,14 @@
 from __future__ import annotations
 
 import base64
+from io import BytesIO
 import json
 from pathlib import Path
 import subprocess
 import sys
 
 import av
+from av.bitstream import BitStreamFilterContext
 from conftest import PRINT_PEAK_MEMORY
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -54,6 +56,19 @@ def test_pictures_are_alike(codec: str, size: tuple[int, int]) -> None:
         image = decoder.decode(packet.data, size)
         assert image.flags.c_contiguous and image.dtype == np.uint8
         assert np.abs(image.astype(int) - draw(*size, number)).mean() < 4
+
+
+@pytest.mark.parametrize(('codec', 'name'), [('h264', 'h264'), ('h265', 'hevc')])
+@pytest.mark.parametrize('left', [2, 16, 34, 100])
+def test_picture_that_is_cropped_at_the_left(codec: str, name: str, left: int) -> None:
+    data = packets(codec)[0].data
+    with av.open(BytesIO(data), format=name) as container:
+        crop = BitStreamFilterContext(f'{name}_metadata=crop_left={left}', container.streams[0])
+        data, = (bytes(packet) for given in container.demux() if given.size
+                 for packet in crop.filter(given))
+    whole = VideoDecoder(codec).decode(packets(codec)[0].data)
+    image = VideoDecoder(codec).decode(data, (160 - left, 120))
+    assert np.abs(image.astype(int) - whole[:, left:]).mean() < 1
 
 
 @every_codec
