@@ -30,14 +30,18 @@ from opencv_tools.frames.frame import check_target, Frame
 from opencv_tools.frames.node import FrameNode, ImageFunction
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.picture_formats import reduction
-from opencv_tools.nodes.declaration import declare_settings, warn_unknown_parameters
+from opencv_tools.nodes.declaration import (
+    declare_settings, warn_unknown_parameters, watch_parameters)
 from opencv_tools.nodes.executable import Executable
-from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
+from opencv_tools.nodes.parameters import (
+    parameter, parameter_group, parameter_table, rate_parameter, with_values)
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK, run
-from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
+from opencv_tools.nodes.settings import (
+    check_video, FULL_HD_BYTES, NodeSettings, priority_parameter)
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.transport.scheduling import use_priority
+from opencv_tools.video.settings import VideoSettings
 import yaml
 
 
@@ -62,6 +66,7 @@ class FilterSettings(NodeSettings):
     max_rate: float = rate_parameter(
         0.0, 'Maximum rate of the filtered frames in Hz, by their stamps; 0 for no limit',
         MAX_RATE)
+    video: VideoSettings = parameter_group(VideoSettings(), 'video_')
     priority: int = priority_parameter()
     FRAME_BYTES = FULL_HD_BYTES
 
@@ -81,16 +86,19 @@ class ImageFilter(FrameNode):
         """
         super().__init__('image_filter', automatically_declare_parameters_from_overrides=True)
         settings = declare_settings(self, FilterSettings)
+        check_video(settings.video)
+        self._settings = settings
         arguments, keywords = parse_arguments(settings.arguments)
         self._function = ImageFunction(load_function(settings.function), arguments, keywords)
         self._failed = self._unfiltered = 0
         self._log = Log(self.get_logger())
         self._progress = Progress(self._log.info, 'Filtering video frame')
-        self._publisher = self.publish_frames('filtered_frames')
+        self._publisher = self.publish_frames('filtered_frames', video=settings.video)
         self._subscriber = self.receive_frames(
             'video_frames', self.listener_callback, encoding=settings.encoding,
             every=settings.every, transport=settings.transport, max_rate=settings.max_rate)
         warn_unknown_parameters(self, PARAMETERS, self._log)
+        watch_parameters(self, PARAMETERS, self._apply, check_together=self._check)
         self._log.info(
             f'Waiting for {self._subscriber.topic_name}, publishing to '
             f'{self._publisher.topic_name}')
@@ -136,6 +144,15 @@ class ImageFilter(FrameNode):
             + (f', {unfit} in no form that its subscribers receive' if unfit else '')
             + (f', {before} sent before the first received frame' if before else ''))
         return EXIT_FAILURE if failed else EXIT_OK
+
+    def _check(self, changes: dict[str, Any]) -> None:
+        stream = self._publisher.video
+        check_video(with_values(self._settings, changes).video, stream.size if stream else None)
+
+    def _apply(self, changes: dict[str, Any]) -> None:
+        self._settings = with_values(self._settings, changes)
+        if self._publisher.video:
+            self._publisher.video.settings = self._settings.video
 
     def _lost(self) -> dict[str, int]:
         return {'skipped': self._subscriber.skipped,

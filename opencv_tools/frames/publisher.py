@@ -96,6 +96,8 @@ class FramePublisher:
         self._lock = Lock()
         self._log = Log(node.get_logger())
         self._topics = FrameTopics(node, topic, video)
+        #: Encoded video, whose settings may be changed; None without video.
+        self.video = self._topics.video.stream if self._topics.video else None
 
     @property
     def topic_name(self) -> str:

@@ -26,6 +26,7 @@ import subprocess
 import sys
 from typing import Any
 
+import av
 from calibrations import CALIBRATION
 from conftest import (
     call_service, CLIP, CLIP_FRAMES, decode_clip, EXAMPLES, NodeProcess, spin_until)
@@ -33,6 +34,8 @@ import cv2
 import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 from opencv_tools.frames import FrameSubscriber
+from opencv_tools.transport.message_type import message_type
+from opencv_tools.video.messages import cdr_to_video, COMPRESSED_VIDEO
 import pytest
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.duration import Duration
@@ -371,6 +374,33 @@ def test_filter_that_loses_bits(start: Start, node: Node, encoding: str) -> None
         'gives them to the function as they are') == (encoding == 'bgr8')
     assert {image.dtype.name for image in results.values()} == {
         'uint8' if encoding == 'bgr8' else 'uint16'}
+
+
+def test_video_of_a_filter(start: Start, node: Node, tmp_path: Path) -> None:
+    start('img_publisher', source='pattern:96x64@20', publish_rate=0.0)
+    start('img_filter', function='cv2:flip', arguments='0', video_bit_rate=400000)
+    codecs: list[str] = []
+    node.create_subscription(
+        message_type(COMPRESSED_VIDEO), 'filtered_frames/foxglove',
+        lambda data: codecs.append(cdr_to_video(COMPRESSED_VIDEO, data).codec), 10, raw=True)
+    recorder = start('img_subscriber', '--ros-args', '-r', 'video_frames:=filtered_frames', '--',
+                     transport='video', output_dir=tmp_path, file_name='a.mkv', max_frames=15)
+    assert recorder.finish() == 0, recorder.output
+    with av.open(str(tmp_path / 'a.mkv')) as video:
+        assert [frame.width for frame in video.decode(video=0)] == [96] * 15
+    for codec, problem in ('libx264rgb', 'cannot be opened for 96x64 images'), ('h265', ''):
+        values: Sequence[Any] = [Parameter('video_codec', value=codec).to_parameter_msg()]
+        answer: Any = call_service(node, SetParameters, '/image_filter/set_parameters',
+                                   SetParameters.Request(parameters=values))
+        result, = answer.results
+        assert problem in result.reason and result.successful == (problem == '')
+    spin_until(node, lambda: 'h265' in codecs)
+
+
+def test_filter_without_the_encoder_of_its_video(start: Start) -> None:
+    filtering = start('img_filter', function='cv2:flip', arguments='0', video_codec='libx264rgb')
+    assert filtering.finish() == 2
+    assert "parameter video_codec is 'libx264rgb', but encoder" in filtering.output
 
 
 def test_filter_with_a_maximum_rate(start: Start, node: Node) -> None:

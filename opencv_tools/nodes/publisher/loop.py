@@ -40,6 +40,7 @@ from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.publisher.topic_player import differences, TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
+from opencv_tools.nodes.settings import check_video
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import describe_partly_sent
 from opencv_tools.topics.timers import Delay
@@ -214,7 +215,7 @@ class PublishLoop:
         if changed.video != self.settings.video:
             sizes = [topics.frames.video.stream.size for topics in self._topics.outputs
                      if topics.frames.video]
-            changed.check_video(next(filter(None, sizes), None))
+            check_video(changed.video, next(filter(None, sizes), None))
         if self._captured and 'encoding' in changes:
             try:
                 check_conversion(self._captured, changes['encoding'])

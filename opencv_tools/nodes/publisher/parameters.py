@@ -26,13 +26,13 @@ from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import (
     check_source, describe_opening, expected_size, is_camera, is_pattern, names_bag)
 from opencv_tools.image.encodings import find_encoding
-from opencv_tools.image.errors import ImageError, VideoError
+from opencv_tools.image.errors import ImageError
 from opencv_tools.nodes.parameters import parameter, parameter_group, parameter_table
 from opencv_tools.nodes.publisher.calibration_file import check_camera_name
-from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
+from opencv_tools.nodes.settings import (
+    check_video, FULL_HD_BYTES, NodeSettings, priority_parameter)
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_patterns import check_patterns
-from opencv_tools.video.encoder import check_encoder
 from opencv_tools.video.settings import VideoSettings
 from rclpy.logging import get_logger
 
@@ -127,7 +127,7 @@ class PublisherSettings(NodeSettings):
         :raises ParameterError: the encoder of the video is missing, ``start_frame`` is not before
             ``stop_frame``, or a parameter has no effect with this source or with ``on_end``.
         """
-        self.check_video()
+        check_video(self.video)
         capture = self.capture
         start, stop = capture.start_frame, capture.stop_frame
         if 0 < stop <= start:
@@ -152,20 +152,6 @@ class PublisherSettings(NodeSettings):
             for name, value in values.items():
                 if value and not has_effect:
                     raise ParameterError(f'parameter {name} is {value!r}, but {reason}')
-
-    def check_video(self, size: tuple[int, int] | None = None) -> None:
-        """
-        Check that the encoder of the video topics can be opened.
-
-        :param size: width and height in pixels of the video until now; None without one.
-        :raises ParameterError: the encoder is missing, or cannot be opened.
-        """
-        try:
-            check_encoder(self.video, size)
-        except VideoError as err:
-            # It begins with the name of a parameter, or with that of the encoder.
-            codec = f"codec is '{self.video.codec}', but " * str(err).startswith('encoder ')
-            raise ParameterError(f'parameter video_{codec}{err}') from err
 
 
 #: Parameters of ``img_publisher``.
