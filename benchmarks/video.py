@@ -15,6 +15,8 @@
 """
 Video topics against JPEG: bytes, similarity, age, processor time, wait of a late subscriber.
 
+The bit rates are those of the messages that a subscriber in another process receives.
+
 The frames are those of the shipped clip, 1280x720, as they are and with noise of a camera. The age
 of a frame is the time from when its publisher has it in hand to when a subscriber in another
 process has it as an array. The ways run in turn.
@@ -45,8 +47,10 @@ import numpy as np
 from numpy.typing import NDArray
 from opencv_tools.base.units import NANO
 from opencv_tools.frames import Frame, FrameNode, FrameSubscriber, main as run_node
+from opencv_tools.transport.message_type import message_type
 from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.encoder import VideoEncoder
+from opencv_tools.video.messages import cdr_to_video, FFMPEG_PACKET
 from opencv_tools.video.settings import VideoSettings
 import rclpy
 from std_msgs.msg import Header
@@ -60,6 +64,9 @@ SETTLED_SECONDS = 2.5  # a subscriber's second key frame, and the second without
 WAYS = ('raw', 'compressed', 'video')
 FEWER_BYTES, LEAST_SSIM = 20.0, 0.95  # goals
 P50_MS, P99_MS, FIRST_MS, CPU_PER_CENT = 20.0, 33.0, 100.0, 40.0
+RATES, BIT_RATES = (5.0, 10.0, 30.0, 60.0, 120.0), (100_000, 500_000, 2_000_000)
+PART = 240, 320  # pixels of the frames, so that a core can encode all rates
+WITHIN = 0.15  # of the promised bit rate
 RECORDING_CPU = 0.1  # of the processor time of writing JPEGs
 RECORDINGS: dict[str, dict[str, object]] = {  # parameters of img_subscriber
     'jpg': {'transport': 'video', 'file_name': '"{seq:06d}.jpg"'},
@@ -118,14 +125,21 @@ def sizes() -> Iterator[Figure]:
 class Camera(FrameNode):
     """Publish frames with noise, whose number is not known before."""
 
-    def __init__(self, bit_rate: int = 0) -> None:
-        """Read the frames; the video has a constant quality, or a bit rate in bits per second."""
+    def __init__(self, bit_rate: int = 0, rate: float = RATE,
+                 part: tuple[int, int] = (720, 1280)) -> None:
+        """
+        Read the frames.
+
+        :param bit_rate: bits per second of the video; 0 for a constant quality.
+        :param rate: frames per second.
+        :param part: height and width of the part of the clip that is published, in pixels.
+        """
         super().__init__('camera')
-        self._images = [*clip(60, NOISE)]
+        self._images = [image[:part[0], :part[1]] for image in clip(60, NOISE)]
         self._number = 0
         self._frames = self.publish_frames(TOPIC, quality=JPEG_QUALITY, video=VideoSettings(
             bit_rate=bit_rate))
-        self.create_timer(1 / RATE, self._publish)
+        self.create_timer(1 / rate, self._publish)
         self.create_timer(0.5, self._report)
 
     def _publish(self) -> None:
@@ -191,6 +205,42 @@ def receive(transport: str, seconds: float) -> Run:
     return Run(ages, cpu * 100, first)
 
 
+def receive_bits(bit_rate: int, rate: float, seconds: float) -> float:
+    """Return the bits per second of the messages that a subscriber receives."""
+    found: list[tuple[int, int]] = []  # time and bits
+
+    def note(message: bytes) -> None:
+        found.append((time.monotonic_ns(), 8 * len(cdr_to_video(FFMPEG_PACKET, message).data)))
+
+    options = {'rate': [rate], 'bits': [bit_rate], 'part': PART}
+    command = [sys.executable, __file__, 'camera', *(
+        f'{word}' for name, given in options.items() for word in (f'--{name}', *given))]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as camera:
+        try:
+            rclpy.init()
+            node = rclpy.create_node('receiver')
+            node.create_subscription(
+                message_type(FFMPEG_PACKET), f'{TOPIC}/ffmpeg', note, 1000, raw=True)
+            while not found or found[-1][0] < found[0][0] + (SETTLED_SECONDS + seconds) * NANO:
+                rclpy.spin_once(node, timeout_sec=0.05)
+            node.destroy_node()
+            rclpy.shutdown()
+        finally:
+            camera.terminate()
+    # The rate of the frames is measured at first.
+    found = [one for one in found if one[0] > found[0][0] + SETTLED_SECONDS * NANO]
+    return sum(bits for _, bits in found[1:]) / (found[-1][0] - found[0][0]) * NANO
+
+
+def bit_rates(seconds: float) -> Iterator[Figure]:
+    """Compare the bits that a subscriber receives with those that were promised."""
+    for rate in RATES:
+        for bit_rate in BIT_RATES:
+            ratio = receive_bits(bit_rate, rate, max(seconds, 5 / rate)) / bit_rate
+            yield Figure('video', f'{rate:g} Hz: received bits to {bit_rate / 1e6:g} Mbit/s',
+                         ratio, 'x', f'within {WITHIN:.0%}', abs(ratio - 1) <= WITHIN)
+
+
 def topics(runs: int, seconds: float) -> Iterator[Figure]:
     """Compare video with JPEG and raw images between two processes."""
     found: dict[str, list[Run]] = {way: [] for way in WAYS}
@@ -254,14 +304,18 @@ def main() -> int:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('end', nargs='?', choices=('camera',), help=argparse.SUPPRESS)
+    parser.add_argument('--rate', type=float, default=RATE, help=argparse.SUPPRESS)
+    parser.add_argument('--bits', type=int, default=0, help=argparse.SUPPRESS)
+    parser.add_argument('--part', type=int, nargs=2, default=(720, 1280), help=argparse.SUPPRESS)
     parser.add_argument('--runs', type=int, default=3, help='runs to take the median of')
     parser.add_argument('--seconds', type=float, default=6.0, help='duration of a run')
     add_json_option(parser)
     options = parser.parse_args()
     enter_domain()
     if options.end:
-        return run_node(Camera, sys.argv[:1])
-    print_figures(chain(sizes(), topics(options.runs, options.seconds),
+        return run_node(
+            lambda: Camera(options.bits, options.rate, tuple(options.part)), sys.argv[:1])
+    print_figures(chain(sizes(), bit_rates(options.seconds), topics(options.runs, options.seconds),
                         recordings(options.runs, options.seconds)), options.json)
     return 0
 
