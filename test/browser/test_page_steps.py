@@ -35,6 +35,7 @@ from sensor_msgs.msg import CompressedImage
 from test_page_layout import check_all
 from test_page_look import move, place_of, VALUE
 from test_page_video import VideoCamera
+from waiting import wait_until
 
 pytest_plugins = ['pages']
 
@@ -167,12 +168,19 @@ def check(page: Page, number: int, text: str) -> None:
     page.wait_for_paint()  # a text of several lines makes the picture smaller
     shown = page.evaluate(f'pixel(tileOf({TOPIC!r}).querySelector("canvas"), 0.125, 0.9)')
     assert np.abs(np.array(shown[::-1]) - values_of(number)).max() < 12
-    move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))
-    blue, green, red = json.loads(page.wait_for(
+    found = (
         '(() => { const found = /^40, 220: B ([0-9]+), G ([0-9]+), R ([0-9]+)( of the JPEG)?$/'
         f'.exec({VALUE}); '
         f'return found && Math.abs(found[1] - {values_of(number)[0]}) < 5 '
-        '&& JSON.stringify(found.slice(1, 4).map(Number)); })()'))
+        '&& JSON.stringify(found.slice(1, 4).map(Number)); })()')
+
+    def look() -> str | None:
+        move(page, place_of(page, PATCH[0] + 0.5, PATCH[1] + 0.5, SIZE))  # which a text may change
+        page.evaluate('new Promise((done) => setTimeout(done, 100))')
+        answer: str | None = page.evaluate(found)
+        return answer
+
+    blue, green, red = json.loads(wait_until(look, 'the value of the pixel') or '')
     assert np.abs(np.array([blue, green, red]) - values_of(number)).max() < 5
 
 
