@@ -30,7 +30,8 @@ from opencv_tools.robot.sdf.reader import read_sdf
 from opencv_tools.robot.sdf.rules import keep_sdf_rules
 from opencv_tools.robot.sdf.values import DEFAULT_INERTIAL, MODEL_PARTS
 from opencv_tools.robot.sdf.writer import write_sdf
-from opencv_tools.robot.trees import select_root, shortened, with_frame_links, with_world_link
+from opencv_tools.robot.trees import (
+    select_root, shortened, with_bare_world, with_frame_links, with_world_link)
 from opencv_tools.robot.urdf.rules import keep_urdf_rules
 from opencv_tools.robot.urdf.versions import written_version
 from opencv_tools.robot.urdf.writer import write_urdf
@@ -99,6 +100,8 @@ def convert_to_sdf(robot: Robot, report: Report, options: SdfOptions = SdfOption
     :returns: the element ``<sdf>``.
     :raises DescriptionError: SDF of this version does not support the robot.
     """
+    if options.fixed != 'keep':
+        robot = with_bare_world(robot, report)
     if options.fixed == 'lump':
         robot = lump_fixed(robot, report)
     robot = with_valid_sdf_names(robot, report)

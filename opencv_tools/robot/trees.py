@@ -22,7 +22,7 @@ from dataclasses import replace
 
 from lxml import etree
 from opencv_tools.robot.kinematics import attached_links, Kinematics
-from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Placement, Robot
+from opencv_tools.robot.model import FrameId, Joint, Link, MODEL, Placement, Robot, WORLD
 from opencv_tools.robot.names import Names
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.xml.document import DescriptionError
@@ -152,3 +152,19 @@ def with_frame_links(robot: Robot, report: Report) -> Robot:
                for frame, link in zip(robot.frames, links)}
     return replace(robot, links=(*robot.links, *links), joints=(*robot.joints, *joints), frames=()
                    ).map_frame_ids(lambda frame: new_ids.get(frame, frame))
+
+
+def with_bare_world(robot: Robot, report: Report) -> Robot:
+    """Return a robot whose root ``world`` is that of SDF: without shapes and settings."""
+    parents, children = ({getattr(joint, end) for joint in robot.joints if not joint.is_loop}
+                         for end in ('parent', 'child'))
+
+    def bare(link: Link) -> Link:
+        if link.name != WORLD or link.is_world or link.inertial or (
+                WORLD not in parents - children):
+            return link
+        report.warn('link', WORLD, link.line, 'is the world in SDF, which has no shapes and no '
+                    'settings; they are left out')
+        return Link(name=WORLD, placement=link.placement, line=link.line)
+
+    return replace(robot, links=tuple(map(bare, robot.links)))

@@ -104,3 +104,23 @@ def test_world_link_that_is_below_another(tmp_path: Path,
     assert sdf_to_urdf([str(tmp_path / 'a.sdf'), '--world-link', 'c']) == 2
     assert "--world-link 'c' is a link below another one; give the name of a new link, or one " \
         "of 'a', 'b'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('content', 'block'), [
+    ('', '<gravity>0</gravity>'), ('', '<plugin name="p" filename="p.so"/>'),
+    ('', '<sensor name="s" type="imu"/>'),
+    ('<visual><geometry><box size="1 1 1"/></geometry></visual>', ''),
+    ('<collision><geometry><sphere radius="2"/></geometry></collision>', '<mu1>0.3</mu1>')])
+@pytest.mark.parametrize('kind', ['fixed', 'continuous'])
+def test_robot_at_a_world_with_content_stays_there(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, block: str, kind: str
+) -> None:
+    path = tmp_path / 'a.urdf'
+    path.write_text(f"""<robot name="a"><link name="world">{content}</link><link name="b">
+<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
+<joint name="x" type="{kind}"><parent link="world"/><child link="b"/></joint>
+<gazebo reference="world">{block}</gazebo></robot>""")
+    assert urdf_to_sdf([str(path)]) == 0
+    written, warnings = capsys.readouterr()
+    assert '<parent>world</parent>' in written and warnings.count("<link> 'world': ") == 1
+    assert urdf_to_sdf(['--strict', str(path)]) == 1
