@@ -117,8 +117,8 @@ def test_robot_at_a_world_with_content_stays_there(
 ) -> None:
     path = tmp_path / 'a.urdf'
     path.write_text(f"""<robot name="a"><link name="world">{content}</link><link name="b">
-<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
-<joint name="x" type="{kind}"><parent link="world"/><child link="b"/></joint>
+<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link><joint name="x" type="{kind}"><parent link="world"/><child link="b"/></joint>
 <gazebo reference="world">{block}</gazebo></robot>""")
     assert urdf_to_sdf([str(path)]) == 0
     written, warnings = capsys.readouterr()
