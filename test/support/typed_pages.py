@@ -21,6 +21,7 @@ No library of the tests is necessary, so this is what a user of ``make demo`` ca
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import closing
 import os
 from pathlib import Path
 import pty
@@ -36,6 +37,7 @@ import cv2
 from documentation import (
     add_stand_ins, Block, copy_used, matches, NOTHING_DONE, PAGES, read_blocks, ROOT)
 import numpy as np
+from opencv_tools.capture.source import open_source
 from waiting import status_of, wait_until, work_of
 
 _PROMPT = re.compile(r'<status (\d+)> ')
@@ -126,11 +128,11 @@ def _type_block(block: Block, shell: Shell) -> None:
 
 def check_readme(folder: Path) -> None:
     """Check what the commands of README.md have left behind."""
-    clip = cv2.VideoCapture(str(ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'))
-    for path in sorted(folder.glob('frames/*.png')):
-        has_frame, image = clip.read()
-        assert has_frame and np.array_equal(cv2.imread(str(path)), image), path
-    assert not clip.read()[0], 'frames are missing'
+    with closing(open_source(str(ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'))) as clip:
+        for path in sorted(folder.glob('frames/*.png')):
+            frame = clip.read()
+            assert frame and np.array_equal(cv2.imread(str(path)), frame.image), path
+        assert clip.read() is None, 'frames are missing'
     assert len([*folder.glob('mirrored/*.png')]) == 10
 
 
