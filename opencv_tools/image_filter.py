@@ -36,8 +36,8 @@ from opencv_tools.nodes.executable import Executable
 from opencv_tools.nodes.parameters import (
     parameter, parameter_group, parameter_table, rate_parameter, with_values)
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK, run
-from opencv_tools.nodes.settings import (
-    check_video, FULL_HD_BYTES, NodeSettings, priority_parameter)
+from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
+from opencv_tools.nodes.video_settings import check_video
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
 from opencv_tools.transport.scheduling import use_priority

@@ -21,12 +21,9 @@ from contextlib import suppress
 from typing import Any
 
 from opencv_tools.base.text import printable
-from opencv_tools.image.errors import VideoError
 from opencv_tools.nodes.command_line import given_parameters
 from opencv_tools.nodes.parameters import parameter, parameter_table, with_values
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.video.encoder import check_encoder
-from opencv_tools.video.settings import VideoSettings
 import yaml
 
 #: Bytes of a frame of 1920x1080 in colour.
@@ -55,21 +52,6 @@ def priority_parameter() -> Any:
     return parameter(
         0, 'Real-time priority (SCHED_RR) of the threads that carry frames, from 1 (lowest) to 99 '
         '(highest); 0 for normal scheduling', bounds=(0, 99))
-
-
-def check_video(settings: VideoSettings, size: tuple[int, int] | None = None) -> None:
-    """
-    Check that the encoder of the ``video_`` parameters can be opened.
-
-    :param size: width and height in pixels of the video until now; None without one.
-    :raises ParameterError: the encoder is missing, or cannot be opened.
-    """
-    try:
-        check_encoder(settings, size)
-    except VideoError as err:
-        # It begins with the name of a parameter, or with that of the encoder.
-        codec = f"codec is '{settings.codec}', but " * str(err).startswith('encoder ')
-        raise ParameterError(f'parameter video_{codec}{err}') from err
 
 
 def read_start(

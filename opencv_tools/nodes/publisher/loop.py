@@ -40,7 +40,7 @@ from opencv_tools.nodes.publisher.parameters import PublisherSettings
 from opencv_tools.nodes.publisher.stamps import FrameHeaders
 from opencv_tools.nodes.publisher.topic_player import differences, TopicPlayer
 from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
-from opencv_tools.nodes.settings import check_video
+from opencv_tools.nodes.video_settings import check_video
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import describe_partly_sent
 from opencv_tools.topics.timers import Delay
