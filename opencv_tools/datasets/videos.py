@@ -226,7 +226,8 @@ def frame_luma(frame: Any) -> NDArray[np.uint8]:
 
 def frame_step(frame: Any) -> float:
     """Return the step of the quantisation of a frame of H.264 in levels; 0.0 if it is unknown."""
-    for side in frame.side_data:
+    # PyAV 19 iterates over the types, earlier versions over the data.
+    for side in (frame.side_data[at] for at in range(len(frame.side_data))):
         if int(getattr(side.type, 'value', side.type)) == _PARAMETERS_TYPE:
             data = bytes(side)
             count, begin, size, _, quantiser = struct.unpack_from(_PARAMETERS, data)
