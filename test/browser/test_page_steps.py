@@ -262,10 +262,12 @@ def test_steps_by_buttons(
         for _ in range(count):
             (touch if is_phone else click)(page, way)
     check(page, 9, 'frame 9 of 12, 0.3 s before')
+    page.evaluate(SETTLED)
     assert page.evaluate(FRAME) == before  # the picture keeps its place
     for _ in range(9):
         (touch if is_phone else click)(page, 'earlier')
     check(page, 1, 'frame 1 of 12, 1.1 s before, the first one')
+    page.evaluate(SETTLED)
     assert page.evaluate(FRAME) == before
     check_all(page)
     if is_phone:
