@@ -28,7 +28,7 @@ from opencv_tools.image.cdr import WireHeader
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
-from pages import Camera, numbered_frame, Viewer
+from pages import Camera, numbered_frame, STRIPE, Viewer
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import CompressedImage
@@ -497,12 +497,51 @@ def test_pictures_that_are_not_kept_for_the_pause(
     page.wait_for(f'{text} === {sentence!r}')
 
 
-def test_video_is_not_stepped(viewer: Viewer, browser: Browser, camera: Node) -> None:
+VIDEO_STATE = f'factOf({TOPIC!r}, "shown")'
+
+
+def show_video(page: Page, video: VideoCamera, first: int, last: int) -> None:
+    """Publish frames of video one by one, each after the page has drawn the one before."""
+    for number in range(first, last + 1):
+        video.publish(number)
+        spin_until(video.node, lambda: bool(
+            page.evaluate(f'numberOf({TOPIC!r}) === {number}')))  # noqa: B023
+
+
+def test_first_pause_of_video_has_its_frames(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
     video = VideoCamera(camera, TOPIC)
     page = open_alone(viewer, browser)
     video.show(page, 0)
+    assert 'h264' in page.wait_for(VIDEO_STATE)
+    show_video(page, video, 1, 12)
+    page.press(' ')
+    page.wait_for('sent.some((one) => "busy" in one)')  # the image of the node is drawn
+    assert page.evaluate(f'numberOf({TOPIC!r})') == 12  # what it showed
+    page.press(',')
+    page.wait_for(f'numberOf({TOPIC!r}) === 11 && {TEXT}.startsWith("frame ")')
+    move(page, place_of(page, 0.125 * SIZE[0], 0.95 * SIZE[1], SIZE))
+    blue, green, red = STRIPE[0]
+    value = page.wait_for(f'/R [0-9]+ of the decoded video$/.test({VALUE}) && {VALUE}')
+    found = [int(part.split()[1]) for part in value.split(': ')[1].split(' of ')[0].split(', ')]
+    assert np.abs(np.array(found) - [blue, green, red]).max() < 24
+    for _ in range(4):
+        page.press(',')
+    page.wait_for(f'numberOf({TOPIC!r}) === 7')
+    for _ in range(3):
+        page.press('.')
+    page.wait_for(f'numberOf({TOPIC!r}) === 10')
+    for _ in range(40):
+        page.press(',')
+    page.wait_for(f'{TEXT}.endsWith("the first one")')
+    assert page.evaluate(f'numberOf({TOPIC!r})') == 0
+    page.press(' ')
+    page.wait_for(f'{STATE} === "Live"')
+    video.show(page, 13)
+    page.wait_for(f'{VIDEO_STATE}?.includes("h264")')  # video again
+    show_video(page, video, 14, 16)
     page.press(' ')
     page.wait_for(f'{STATE} === "Paused"')
     page.press(',')
-    page.wait_for(f'{TEXT}.endsWith("video cannot be stepped")')
+    page.wait_for(f'numberOf({TOPIC!r}) === 15')
     assert page.complaints() == []

@@ -52,13 +52,13 @@ class VideoCamera:
     """A publisher of numbered frames as video only."""
 
     def __init__(self, node: Node, topic: str = TOPIC, codec: str = 'h264') -> None:
-        self._node = node
+        self.node = node
         self.topic = topic
         self.topics = VideoTopics(node, topic, VideoSettings(codec=codec))
 
     def publish(self, number: int, size: tuple[int, int] = (320, 240)) -> None:
         """Publish a numbered frame; its stamp is now."""
-        sec, nanosec = divmod(self._node.get_clock().now().nanoseconds, NANO)
+        sec, nanosec = divmod(self.node.get_clock().now().nanoseconds, NANO)
         self.topics.publish(lambda: (numbered_frame(number, *size), 'bgr8'),
                             WireHeader(sec, nanosec, 'camera'))
 
@@ -68,7 +68,7 @@ class VideoCamera:
             self.publish(number, size)
             return bool(page.evaluate(f'numberOf({self.topic!r}) === {number}'))
 
-        spin_until(self._node, is_shown)
+        spin_until(self.node, is_shown)
 
     def is_watched(self) -> bool:
         """Return whether the viewer subscribes."""
@@ -76,7 +76,7 @@ class VideoCamera:
 
     def wait_for_no_viewer(self) -> None:
         """Wait until the viewer has ended its subscription."""
-        spin_until(self._node, lambda: not self.is_watched())
+        spin_until(self.node, lambda: not self.is_watched())
 
 
 def colors(page: Page, topic: str = TOPIC) -> np.ndarray:

@@ -17,15 +17,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 import itertools
 import sys
 from threading import Lock
 import time
 
-from opencv_tools.image.cdr import WireCompressedImage, WireMessage
+from opencv_tools.image.cdr import WireCompressedImage
+from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.video.messages import WireVideo
+from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.viewer.streams.feed import FeedKey, is_own, NewFrame
 from opencv_tools.viewer.watched import UNUSED_SECONDS
 
@@ -40,23 +44,35 @@ class KeptFrame:
     """
     A frame that can be shown again.
 
-    :param frame: the frame for a channel. Its number is negative, below all numbers of a feed.
+    :param number: number among the frames of the node, in the order of their arrival.
     :param received: the message as it was received.
     :param size: bytes of the message.
     :param arrived: time of arrival in seconds of the monotonic clock.
+    :param is_start: whether it can be shown without earlier ones, unlike most packets of video.
     :param holds: number of paused pages that may show it.
     """
 
-    frame: NewFrame
+    number: int
     received: ReceivedMessage
     size: int
     arrived: float
+    is_start: bool
     holds: int = 0
 
+    @cached_property
+    def frame(self) -> NewFrame:
+        """
+        The frame for a channel. Its number is negative, below all numbers of a feed.
+
+        :raises TypeError: the message is video.
+        """
+        received = self.received
+        return NewFrame(-self.number, received.image, received.receive_ns, received.number)
+
     @property
-    def number(self) -> int:
-        """Return the number among the frames of the node, in the order of their arrival."""
-        return -self.frame.number
+    def time_ns(self) -> int:
+        """Stamp in nanoseconds, or time of reception without a stamp."""
+        return self.received.stamp_ns or self.received.receive_ns
 
 
 @dataclass(frozen=True)
@@ -116,7 +132,7 @@ class History:
         with self._lock:
             kept = [one for (topic, _), found in self._topics.items() if topic == name
                     for one in found.frames.values()]
-        return [one.received for one in sorted(kept, key=lambda one: one.number)]
+        return [one.received for one in from_start(sorted(kept, key=lambda one: one.number))]
 
     def add(self, key: FeedKey, received: ReceivedMessage) -> ReceivedMessage:
         """
@@ -127,7 +143,7 @@ class History:
         topic = self._topics.get(key)
         if topic is None or not topic.watchers:
             return received
-        size = message_size(received.image)
+        size = message_size(received.message)
         topic.too_large = size if size > self.limit else 0
         if topic.too_large:
             return received
@@ -135,9 +151,8 @@ class History:
         with self._lock:
             if self._topics.get(key) is topic:  # nobody has left meanwhile
                 kept = KeptFrame(
-                    frame=NewFrame(-next(self._numbers), received.image, received.receive_ns,
-                                   received.number),
-                    received=received, size=size, arrived=self._clock())
+                    number=next(self._numbers), received=received, size=size,
+                    arrived=self._clock(), is_start=_is_start(received.message))
                 self._make_room(topic, kept)
                 topic.frames[kept.number] = kept
                 self.size += kept.size
@@ -193,7 +208,7 @@ class History:
 
         Frames that paused pages may show leave last, unless they need more than half of the limit.
         """
-        for kept in [*_expired(topic, new.arrived - KEPT_SECONDS)]:
+        for kept in _expired(topic, new):
             self._forget(topic, kept)
         while (self.size + new.size > self.limit
                or sum(len(one.frames) for one in self._topics.values()) >= _MAX_FRAMES):
@@ -219,7 +234,7 @@ class History:
                 del self._topics[key]
 
 
-def message_size(message: WireMessage) -> int:
+def message_size(message: AnyMessage) -> int:
     """Return the bytes that a message keeps in memory: those of its data and of its texts."""
     text = message.format if isinstance(message, WireCompressedImage) else message.encoding
     data = memoryview(message.data)
@@ -244,20 +259,32 @@ def _first_of_each(
             yield topic, kept
 
 
-def _expired(topic: _Topic, since: float) -> Iterator[KeptFrame]:
-    """Yield the frames that are too old, unless a paused page may show them."""
-    for kept in topic.frames.values():
-        if kept.arrived >= since:
-            return
-        if not kept.holds:
-            yield kept
+def _expired(topic: _Topic, new: KeptFrame) -> list[KeptFrame]:
+    """Return the frames that are too old, unless a newer one or a paused page needs them."""
+    since = new.arrived - KEPT_SECONDS
+    old = [*itertools.takewhile(lambda one: one.arrived < since, topic.frames.values())]
+    oldest = next(itertools.islice(topic.frames.values(), len(old), None), new)
+    if not oldest.is_start:
+        starts = [place for place, one in enumerate(old) if one.is_start]
+        old = old[:starts[-1]] if starts else old
+    return [one for one in old if not one.holds]
+
+
+def from_start(frames: Sequence[KeptFrame]) -> list[KeptFrame]:
+    """Return frames without the first packets of video that need an earlier key frame."""
+    return [*itertools.dropwhile(lambda one: not one.is_start, frames)]
+
+
+def _is_start(message: AnyMessage) -> bool:
+    """Return whether a message is an image, or a key frame; video has been read before."""
+    return not isinstance(message, WireVideo) or is_key_frame(message.codec, bytes(message.data))
 
 
 def _owned(received: ReceivedMessage) -> ReceivedMessage:
     """Return a message whose data are not in the shared memory of its publisher."""
-    image = received.image
-    if is_own(image):
+    message = received.message
+    if is_own(message):
         return received
-    data = image.data.copy()
+    data = message.data.copy()
     data.flags.writeable = False
-    return replace(received, message=replace(image, data=data))
+    return replace(received, message=replace(message, data=data))

@@ -18,20 +18,23 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from opencv_tools.base.units import NANO
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.viewer.errors import RequestError
-from opencv_tools.viewer.inspect.history import History, Hold, KeptFrame
+from opencv_tools.viewer.inspect.held_video import HeldVideo
+from opencv_tools.viewer.inspect.history import from_start, History, Hold, KeptFrame
 from opencv_tools.viewer.protocol import topic_of, valid_number
 from opencv_tools.viewer.streams.channel import Channel
 from opencv_tools.viewer.streams.feed import FeedKey, NewFrame
+from opencv_tools.viewer.streams.video_channel import VideoChannel
 
 _MAX_STEP = 10_000  # frames
-_MAX_VIDEOS = 1000  # topics
 
+_NO_KEY_FRAME = 'earlier packets of the video need a key frame from before this page looked'
 _Message = dict[str, Any]
 
 
@@ -56,7 +59,7 @@ class Steps:
     A step waits until the page has drawn the one before. Of those that wait, the newest counts.
     """
 
-    def __init__(self, history: History, channels: Mapping[str, object],
+    def __init__(self, history: History, channels: Mapping[str, Channel | VideoChannel],
                  write: Callable[[_Message], Awaitable[None]]) -> None:
         """
         Create an object for a page.
@@ -70,29 +73,42 @@ class Steps:
         self._write = write
         self._watched: dict[str, FeedKey] = {}
         self._holds: dict[str, Hold] = {}
-        self._videos: set[str] = set()  # topics that were sent as video last
+        self._pictures: dict[str, HeldVideo] = {}
         self._waiting: _Request | None = None
         self._task: asyncio.Task[None] | None = None
 
     def follow(self, name: str) -> None:
         """Use the options of a topic, which have changed."""
-        channel = self._channel(name)
-        if channel:
-            self._videos.discard(name)
-        elif name in self._channels and len(self._videos) < _MAX_VIDEOS:
-            self._videos.add(name)
+        channel = self._channels.get(name)
         looks = channel is not None and channel.options.looks
         if channel and looks and channel.options.held:
             if name not in self._holds:
                 self._holds[name] = self._history.hold(channel.stream.key)
+                self._pictures[name] = HeldVideo()
             looks = False
         elif name in self._holds:
             self._history.release(self._holds.pop(name))
+            del self._pictures[name]
         if channel and looks and name not in self._watched:
             self._watched[name] = channel.stream.key
             self._history.watch(channel.stream.key)
         elif not looks and name in self._watched:
             self._history.unwatch(self._watched.pop(name))
+
+    async def show(self, name: str, message: object) -> None:
+        """
+        Show the kept frame of a message, because the page has paused while it showed video.
+
+        :param message: the message, as it was received.
+        """
+        self.follow(name)
+        channel, frames = self._channel(name), self._frames(name)
+        place = next((place for place, one in enumerate(frames)
+                      if one.received.message is message), None)
+        if channel and place is not None:
+            # Without it the page keeps its picture, and a step has the reason.
+            with suppress(RequestError):
+                _show(channel, await self._picture(channel, frames, place))
 
     def ask(self, message: _Message) -> bool:
         """
@@ -114,8 +130,7 @@ class Steps:
 
     def kept(self) -> dict[str, list[ReceivedMessage]]:
         """Return the messages that a paused page can step through, oldest first, by topic."""
-        return {name: [one.received for one in self._history.held(hold)]
-                for name, hold in self._holds.items()}
+        return {name: [one.received for one in self._frames(name)] for name in self._holds}
 
     def close(self) -> None:
         """Step no more."""
@@ -141,30 +156,49 @@ class Steps:
         """
         channel, hold = self._channel(request.topic), self._holds.get(request.topic)
         if channel is None or hold is None:
-            raise RequestError('nothing to step to: ' + (
-                'video cannot be stepped' if request.topic in self._videos
-                else 'no frames are kept here for this pause: resume, then pause again'))
-        frames = self._history.held(hold)
+            raise RequestError('nothing to step to: no frames are kept here for this pause: '
+                               'resume, then pause again')
+        kept, frames = self._history.held(hold), self._frames(request.topic)
         if not frames:
-            raise RequestError(f'the node has kept no frame: {self._history.explain(hold)}')
+            raise RequestError('the node has kept no frame: ' + (
+                _NO_KEY_FRAME if kept else self._history.explain(hold)))
         place = _place(frames, channel.shown.held, request.by)
         place = min(max(place, 0), len(frames) - 1)
-        frame = frames[place].frame
-        shown = [_show(channel, frame)]
-        other, other_hold = self._channel(request.beside), self._holds.get(request.beside)
-        others = self._history.held(other_hold) if other_hold else []
+        shown = [_show(channel, await self._picture(channel, frames, place))]
+        other, others = self._channel(request.beside), self._frames(request.beside)
         if other and other is not channel and others:
-            shown.append(_show(other, min(
-                (one.frame for one in others),
-                key=lambda one: abs(_time_ns(one) - _time_ns(frame)))))
+            nearest = min(range(len(others)), key=lambda one: abs(
+                others[one].time_ns - frames[place].time_ns))
+            shown.append(_show(other, await self._picture(other, others, nearest)))
         reason = ''.join(await asyncio.gather(*shown))
         text = _describe(frames, place)
         if not place:
-            text += (', the first one' if len(frames) == len(hold.numbers)
-                     else f', earlier ones are gone: {self._history.explain(hold)}')
+            text += (f', earlier ones are gone: {self._history.explain(hold)}'
+                     if len(kept) < len(hold.numbers) else f', {_NO_KEY_FRAME}'
+                     if len(frames) < len(kept) else ', the first one')
         elif place == len(frames) - 1:
             text += ', the last one'
         return f'{text}: {reason}' if reason else text
+
+    def _frames(self, name: str) -> list[KeptFrame]:
+        """Return the frames that a paused page can step through, oldest first."""
+        hold = self._holds.get(name)
+        return from_start(self._history.held(hold)) if hold else []
+
+    async def _picture(self, channel: Channel, frames: list[KeptFrame], place: int) -> NewFrame:
+        """
+        Return the frame at a place, of which a channel sends a picture.
+
+        :raises RequestError: it is video, and damaged, or the page goes on.
+        """
+        name = channel.stream.name
+        if (video := self._pictures.get(name)) is not None:
+            picture = video.found(frames[place])
+            if picture is None:
+                picture = await channel.stream.in_pool(video.decode, frames, place)
+            if self._channel(name) is channel:
+                return picture
+        raise RequestError('the page is no longer paused')
 
     def _channel(self, name: str) -> Channel | None:
         channel = self._channels.get(name)
@@ -183,21 +217,17 @@ def _place(frames: list[KeptFrame], present: NewFrame | None, by: int) -> int:
     if present is None:
         return len(frames) + by
     for place, kept in enumerate(frames):
-        if kept.frame.message is present.message:
+        if kept.number == -present.number or kept.received.message is present.message:
             return place + by
     # It is not kept, as it came before the others or was too large.
-    earlier = sum(kept.frame.receive_ns <= present.receive_ns for kept in frames)
+    earlier = sum(kept.received.receive_ns <= present.receive_ns for kept in frames)
     return earlier + by - (by > 0)
-
-
-def _time_ns(frame: NewFrame) -> int:
-    return frame.stamp_ns or frame.receive_ns
 
 
 def _describe(frames: list[KeptFrame], place: int) -> str:
     """Return the place of a frame among others, and its time before the last one."""
-    frame, last = frames[place].frame, frames[-1].frame
-    seconds = (_time_ns(last) - _time_ns(frame)) / NANO
+    frame, last = frames[place], frames[-1]
+    seconds = (last.time_ns - frame.time_ns) / NANO
     if seconds < 0:  # the publisher has set its clock
-        seconds = max(0.0, (last.receive_ns - frame.receive_ns) / NANO)
+        seconds = max(0.0, (last.received.receive_ns - frame.received.receive_ns) / NANO)
     return f'frame {place + 1} of {len(frames)}, {seconds:.1f} s before'

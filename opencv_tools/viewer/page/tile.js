@@ -110,7 +110,7 @@ export class Tile {
 
   /** Whether the node can keep the picture while the page is paused. */
   get isKept() {
-    return this.#asked !== '' && this.picture >= 0;
+    return this.#asked !== '' && (this.isVideo || this.picture >= 0);
   }
 
   /** Whether the picture is one of a video, which the node does not decode. */
@@ -126,11 +126,10 @@ export class Tile {
   /**
    * Return whether images are needed: somebody has looked into the picture.
    * @param {boolean} looks whether it is shown alone; the answer stays until it is not.
-   * @param {boolean} isPaused whether the page is paused.
    */
-  needsImages(looks, isPaused) {
+  needsImages(looks) {
     this.#isLookedInto = looks
-      && (this.#isLookedInto || isPaused || Boolean(this.look.chart || this.look.marks
+      && (this.#isLookedInto || Boolean(this.look.chart || this.look.marks
         || this.view.region));
     return this.#isLookedInto && this.hasImages;
   }

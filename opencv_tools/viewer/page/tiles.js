@@ -27,8 +27,8 @@ const SLOW = 0.5; // seconds of a delay of the pictures
 const MOST_SLOW = 3; // delays within
 const SLOW_MS = 300000;
 const KEPT_MS = 10000; // the browser has read the file by then
-const NO_CHARTS = 'The browser decodes this video, so the node has no pixels of it. Add quality=90 '
-  + 'to the address of the page to get images.';
+const NO_CHARTS = 'The browser decodes this video, so the node has no pixels of it. Pause the page, or add '
+  + 'quality=90 to its address to get images.';
 const RECTIFIED = 'image_rect'; // name of image_proc, which img_publisher uses as well
 const RAW = /\/image(_raw)?$/; // names of images that a node of its own rectifies
 
@@ -190,14 +190,13 @@ export class Tiles extends Map {
   #askFor(tile, looks) {
     const { state: { node, fixed, isPaused }, overlays } = this.#page;
     const width = node.widths.find((step) => step >= tile.view.width) ?? 0;
-    const needsImages = tile.needsImages(looks, isPaused)
+    const needsImages = tile.needsImages(looks)
       || (looks && overlays.hasBoxes); // whose pictures may wait for them, unlike video
-    const isVideo = this.#takesVideo(tile) && !needsImages;
-    tile.look.offer(isVideo && !tile.hasImages ? NO_CHARTS : '');
     const held = looks && isPaused && tile.isKept; // so that its pixels can still be looked at
+    const isVideo = this.#takesVideo(tile) && !needsImages && !held;
+    tile.look.offer(isVideo && !tile.hasImages ? NO_CHARTS : '');
     const isSeen = tile.inView && !tile.element.hidden;
-    const isLate = needsImages && isPaused && tile.isVideo; // the page was paused with video
-    const isWanted = held || (isSeen && !document.hidden && (!isPaused || isLate));
+    const isWanted = held || (isSeen && !document.hidden && !isPaused);
     tile.ask(isWanted, { width, ...(isVideo ? { video: true } : fixed),
       ...(looks && { looks }), ...(held && { held }) });
     tile.overlay.show(looks ? overlays.chosen : {}, looks && isWanted ? overlays.request : null);

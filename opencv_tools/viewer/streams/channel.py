@@ -232,7 +232,8 @@ class Channel:
         self.options = options
         self._restart_link()
         self.frame_arrived()
-        stream.join(self.frame_arrived)
+        if not options.held:
+            stream.join(self.frame_arrived)
 
     def set_options(self, options: ViewRequest) -> None:
         """Change what the viewer requests, and send the newest frame so."""

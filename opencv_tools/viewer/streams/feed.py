@@ -25,6 +25,7 @@ from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
 from opencv_tools.image.cdr import WireMessage
 from opencv_tools.image.errors import ImageError
+from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.viewer.errors import MAX_MESSAGE, RequestError
@@ -168,7 +169,7 @@ class NewFrame:
         return self.message.header.sec * NANO + self.message.header.nanosec
 
 
-def is_own(message: WireMessage) -> bool:
+def is_own(message: AnyMessage) -> bool:
     """Return whether the data of a message are not in the shared memory of its publisher."""
     # Only the data of shared frames are arrays, and a copy of them is a view of nothing.
     return not isinstance(message.data, np.ndarray) or message.data.base is None

@@ -45,6 +45,7 @@ class ViewedPacket:
     A packet for pages.
 
     :param number: number of the packet; numbers of packets that need each other follow each other.
+    :param message: the message of the packet, or of the image that was encoded.
     :param stamp_ns: stamp of the frame in nanoseconds.
     :param name: codec string of WebCodecs of a key frame; '' for other packets.
     """
@@ -52,6 +53,7 @@ class ViewedPacket:
     number: int
     stamp_ns: int
     packet: VideoPacket
+    message: object = None
     name: str = ''
 
 
@@ -119,8 +121,9 @@ class PacketFeed(Feed):
         if not isinstance(received.message, WireVideo):
             raise VideoError('an image is not a packet of video')
         packet, name = self._reader.read(received.message)
-        self.waiting.append(ViewedPacket(
-            number=self._number, stamp_ns=received.stamp_ns, packet=packet, name=name))
+        received = self.keep(received)
+        self.waiting.append(ViewedPacket(number=self._number, stamp_ns=received.stamp_ns,
+                                         packet=packet, message=received.message, name=name))
 
 
 def _shown_size(announced: tuple[int, int] | None, coded: tuple[int, int]) -> tuple[int, int]:

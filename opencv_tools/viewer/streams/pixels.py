@@ -61,12 +61,13 @@ class Pixels:
         return self.image.shape[1], self.encoding.height(self.image.shape[0])
 
 
-def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
+def read_pixels(message: WireMessage, upright: bool = False, codec: str = '') -> Pixels:
     """
     Read the pixels of a message.
 
     :param message: raw or compressed image.
     :param upright: whether to rotate a JPEG by its Exif orientation, as browsers do.
+    :param codec: name of the codec that a raw image was decoded from.
     :returns: a view of a raw image, or a decoded array.
     :raises ImageError: the message is not a valid image.
     :raises CvBridgeError: the message is not a valid image.
@@ -78,7 +79,7 @@ def read_pixels(message: WireMessage, upright: bool = False) -> Pixels:
             # A copy, because the array is a view of the message.
             image = np.where(image >= message.min_disparity, image, np.float32(np.nan))
             encoding = DISPARITY
-        return Pixels(image, encoding)
+        return Pixels(image, encoding, codec)
     content = bytes(message.data)
     if is_compressed_depth(message.format):
         image, quantisation = decode_depth(content, message.format)

@@ -27,6 +27,7 @@ from opencv_tools.viewer.protocol import finite
 from opencv_tools.viewer.streams.depth_colors import DepthRange, Steady
 from opencv_tools.viewer.streams.encoding import Picture, picture_or_reason, PictureOptions
 from opencv_tools.viewer.streams.feed import Feed, FeedKey, NewFrame
+from opencv_tools.viewer.streams.packets import PACKETS
 from opencv_tools.viewer.streams.pixels import Pixels, read_pixels
 from opencv_tools.viewer.watched import in_loop, Watched
 
@@ -139,7 +140,8 @@ class Stream(Watched[Callable[[], object]]):
         """
         if self._pixels is None or self._pixels[0] != frame.number:
             self._pixels = frame.number, asyncio.ensure_future(
-                self.in_pool(read_pixels, frame.message, upright=True))
+                self.in_pool(read_pixels, frame.message, upright=True,
+                             codec='decoded video' if self.key[1] == PACKETS else ''))
         if self._forgets:
             self._forgets.cancel()
         self._forgets = self._loop.call_later(_PIXELS_SECONDS, self._forget_pixels)

@@ -118,7 +118,9 @@ class VideoChannel:
         self._send = send
         self._refuse = refuse
         self._clock = link.clock
-        self._unanswered: dict[int, tuple[float, int]] = {}
+        self._unanswered: dict[int, tuple[float, int, object]] = {}
+        #: The message of the picture that the page shows; None before the first one.
+        self.drawn: object = None
         self._sent = RateMeter(self._clock)
         self._last: ViewedPacket | None = None
         self._skipped = 0
@@ -172,7 +174,7 @@ class VideoChannel:
         if self._needs_key:
             self._needs_key = False
             self._unanswered.clear()
-        self._unanswered[self._send(viewed)] = self._clock(), len(packet.data)
+        self._unanswered[self._send(viewed)] = self._clock(), len(packet.data), viewed.message
         self._sent.add()
         self._last = viewed
 
@@ -180,6 +182,7 @@ class VideoChannel:
         """Use an answer of the page; return whether it belongs to this channel."""
         if sequence not in self._unanswered:
             return False
+        *_, self.drawn = self._unanswered[sequence]
         for earlier in [one for one in self._unanswered if one <= sequence]:
             del self._unanswered[earlier]
         return True
@@ -198,16 +201,17 @@ class VideoChannel:
         """Return whether the page has fallen behind."""
         if not self._unanswered:
             return False
-        sent_at, _ = next(iter(self._unanswered.values()))
+        sent_at, *_ = next(iter(self._unanswered.values()))
         return (self._clock() - sent_at > _LATE_SECONDS
                 or len(self._unanswered) >= _MAX_UNANSWERED
-                or sum(size for _, size in self._unanswered.values()) > _MAX_UNANSWERED_BYTES)
+                or sum(size for _, size, _ in self._unanswered.values())
+                > _MAX_UNANSWERED_BYTES)
 
     def _is_drained(self) -> bool:
         """Return whether the page has answered all packets, except those that it holds back."""
         if not self._unanswered:
             return True
-        sent_at, _ = next(reversed(self._unanswered.values()))
+        sent_at, *_ = next(reversed(self._unanswered.values()))
         return self._clock() - sent_at > _HELD_SECONDS
 
 
@@ -361,7 +365,7 @@ class EncodedVideo(PacketSource):
         else:
             if encoder is self._encoder:
                 self._number += 1
-                self.publish(replace(viewed, number=self._number))
+                self.publish(replace(viewed, number=self._number, message=frame.message))
         finally:
             self._is_encoding = False
         self._frame_arrived()

@@ -34,6 +34,7 @@ from opencv_tools.viewer.protocol import (
     MAX_TOPICS, pack_frame, pack_video, parse_codecs, parse_options, topic_of, valid_number,
     ViewRequest, WIDTHS)
 from opencv_tools.viewer.streams.channel import Channel
+from opencv_tools.viewer.streams.stream import Stream
 from opencv_tools.viewer.streams.video_channel import VideoChannel, VideoLink
 from opencv_tools.viewer.web.web import POLICY_VIOLATION, SocketHandler
 from tornado.websocket import WebSocketClosedError
@@ -194,11 +195,16 @@ class PageSocket(SocketHandler):
         has_video = options.video and bool(self._codecs)
         slow = has_video and link.is_slow
         channel = self._channels.get(name)
-        holds = options.held and isinstance(channel, Channel) and channel.options.looks
+        holds = options.held and channel is not None and channel.options.looks
         if holds:
             has_video = slow = False  # the pictures that are held are images
-        looks = holds or (options.looks and not has_video and self._may_look(name))
+        looks = holds or (options.looks and self._may_look(name))
         options = replace(options, video=has_video, slow=slow, looks=looks)
+        if holds and isinstance(channel, VideoChannel):
+            self._channels[name] = self._image_channel(channel.stream, options)
+            channel.close()
+            await self._steps.show(name, channel.drawn)
+            return None
         if channel and (holds or (
                 channel.options.video, channel.options.slow, channel.options.held) == (
                     has_video, slow, options.held)):
@@ -229,13 +235,17 @@ class PageSocket(SocketHandler):
                 stream.number, sequence, viewed.stamp_ns / 10**9, time.time(), viewed.packet,
                 viewed.number, viewed.name)),
             refuse=lambda reason: self._post({'refused': {'topic': name, 'reason': reason}}),
-        ) if video else Channel(
+        ) if video else self._image_channel(stream, options)
+        return None
+
+    def _image_channel(self, stream: Stream, options: ViewRequest) -> Channel:
+        """Return a channel that sends pictures of images."""
+        return Channel(
             stream, options, lambda frame, picture: self._send(lambda sequence: pack_frame(
-                stream.number, self._overlays.send(name, frame, sequence),
+                stream.number, self._overlays.send(stream.name, frame, sequence),
                 (frame.stamp_ns, frame.sequence, frame.message.header.frame_id),
                 time.time(), (*picture.region.values, *picture.source_size), picture.data)),
-            partial(self._overlays.newest, name))
-        return None
+            partial(self._overlays.newest, stream.name))
 
     def _may_look(self, name: str) -> bool:
         """Return whether the frames of another topic may be kept for questions."""
