@@ -22,7 +22,8 @@ from opencv_tools.robot.geometry import Mesh
 from opencv_tools.robot.lumping import (
     is_massless, lump_fixed, marked_massless, with_massless, without_massless)
 from opencv_tools.robot.model import FrameId, Inertial, Link, Placement, Robot, Shape
-from opencv_tools.robot.physical import report_inertials, with_physical_inertials
+from opencv_tools.robot.physical import (
+    report_inertials, with_physical_inertials, without_zero_masses)
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.renaming import (
     with_original_names, with_valid_sdf_names, with_valid_urdf_names)
@@ -100,6 +101,7 @@ def convert_to_sdf(robot: Robot, report: Report, options: SdfOptions = SdfOption
     :returns: the element ``<sdf>``.
     :raises DescriptionError: SDF of this version does not support the robot.
     """
+    robot = without_zero_masses(robot, report)
     if options.fixed != 'keep':
         robot = with_bare_world(robot, report)
     if options.fixed == 'lump':

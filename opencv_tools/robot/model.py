@@ -157,6 +157,11 @@ class Link:
     line: int = field(default=0, compare=False)
 
     @property
+    def has_mass(self) -> bool:
+        """Whether the link has a mass or moments of inertia of its own that are not 0."""
+        return self.inertial is not None and any((self.inertial.mass, *self.inertial.inertia))
+
+    @property
     def is_world(self) -> bool:
         """Whether the link stands for the world, to which joints may be fixed."""
         return (self.name == WORLD and self.inertial is None and self.extension == NO_EXTENSION

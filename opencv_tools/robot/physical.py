@@ -30,6 +30,20 @@ _ROUNDING = 1e-14
 _SMALLEST = 1e-6
 
 
+def without_zero_masses(robot: Robot, report: Report) -> Robot:
+    """Return a robot whose links of mass 0 have no inertial; simulators of SDF count 1 kg."""
+    def changed(link: Link) -> Link:
+        if link.inertial is None or link.inertial.mass:
+            return link
+        has_moments = any(link.inertial.inertia)
+        (report.warn if has_moments else report.preserve)(
+            'inertial', link.name, link.line, 'has mass 0, which is 1 kg in SDF; converted like a '
+            'link without <inertial>' + ', without its moments of inertia' * has_moments)
+        return replace(link, inertial=None)
+
+    return replace(robot, links=tuple(map(changed, robot.links)))
+
+
 def report_inertials(robot: Robot, report: Report) -> None:
     """Report the inertials that are physically impossible."""
     for link in robot.links:

@@ -119,9 +119,9 @@ class Side:
 
     def __init__(self, robot: Robot) -> None:
         # What was massless in URDF has a mass in SDF, beside links with mass.
-        has_mass = any(link.inertial for link in robot.links)
+        has_mass = any(link.has_mass for link in robot.links)
         self._heavy = {original_name(link) for link in robot.links
-                       if has_mass and not link.inertial and link.default_mass}
+                       if has_mass and not link.has_mass and link.default_mass}
         robot = self.robot = with_original_names(robot)
         self.kinematics = Kinematics(robot)
         self.links = dict(zip(_keys(link.name for link in robot.links), robot.links))
@@ -191,8 +191,8 @@ class Side:
 
     def inertial(self, link: Link) -> Inertial | None:
         """Return what a simulator takes: a default beside links with mass if there is none."""
-        if link.inertial or link.name not in self._heavy:
-            return link.inertial
+        if link.has_mass or link.name not in self._heavy:
+            return link.inertial if link.has_mass else None
         return Inertial(Placement(Pose(), FrameId('link', link.name)), *DEFAULT_INERTIAL)
 
     def offset(self, link: Link, placement: Placement) -> Transform:

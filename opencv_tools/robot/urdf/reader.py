@@ -20,6 +20,7 @@ Each joint is placed in its parent link. Each link with a parent joint is placed
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 import math
@@ -41,7 +42,7 @@ from opencv_tools.robot.urdf.context import read_context, UrdfContext
 from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.urdf.tree import LinkTree
-from opencv_tools.robot.urdf.versions import apply_version, OPTIONAL_LIMITS
+from opencv_tools.robot.urdf.versions import apply_version, NEW_LIMITS, OPTIONAL_LIMITS
 from opencv_tools.robot.xml.defined import read_table, report_undefined
 from opencv_tools.robot.xml.document import (
     AnyElement, DescriptionError, Element, line_of, local_name, required_attribute,
@@ -118,15 +119,18 @@ def _geometry(shape: TrackedElement, report: Report, link: str) -> Geometry | No
                     'is ignored; a geometry has one shape')
     preserved = parent.take_first(f'{SDF_TAG}capsule')  # the writer put a cylinder in its place
     element = required_child(parent, str(first.tag))
-    for name in ('size', 'radius', 'length'):
-        text = element.element.get(name, '')
-        if '-' in text:
-            with suppress(ValueError):  # `_solid` refuses other texts
-                if min(map(float, text.split())) < 0:
-                    report.warn(element.tag, link, line_of(element),
-                                f'{name}={text!r} is negative')
+    _warn_negative(element, ('size', 'radius', 'length'), link, report)
     geometry = _mesh(element, report, link) if element.tag == 'mesh' else _solid(element)
     return with_capsule(geometry, preserved, report, link)
+
+
+def _warn_negative(element: TrackedElement, names: Iterable[str], owner: str, report: Report
+                   ) -> None:
+    for name in names:
+        text = element.element.get(name, '')
+        with suppress(ValueError):  # readers refuse other texts
+            if '-' in text and min(map(float, text.split())) < 0:
+                report.warn(element.tag, owner, line_of(element), f'{name}={text!r} is negative')
 
 
 def _mesh(element: TrackedElement, report: Report, link: str) -> Mesh:
@@ -179,8 +183,7 @@ def _inertial(element: TrackedElement, link_frame: FrameId, report: Report, link
               ) -> Inertial:
     mass, inertia = required_child(element, 'mass'), element.find('inertia')
     value = required_number(mass, 'value')
-    if value < 0:
-        report.warn('mass', link, line_of(mass), f'value={mass.get("value")!r} is negative')
+    _warn_negative(mass, ('value',), link, report)
     missing = [name for name in INERTIA if inertia is None or name not in inertia]
     if inertia is None:
         report.warn('inertial', link, line_of(element), 'has no <inertia>; its moments are 0')
@@ -254,6 +257,11 @@ def _limit(element: TrackedElement, joint_type: str, context: UrdfContext) -> Li
     is_required = joint_type != 'planar' and context.version < OPTIONAL_LIMITS
     effort, velocity = (_effort_or_velocity(limit, name, is_required=is_required)
                         for name in ('effort', 'velocity'))
+    if context.version >= OPTIONAL_LIMITS:
+        for name in NEW_LIMITS:
+            number(limit.element.get(name, '0'), limit, name)
+        _warn_negative(limit, ('effort', 'velocity', *NEW_LIMITS), required_name(element),
+                       context.report)
     if not has_position_limits:
         return Limit(effort=effort, velocity=velocity)
     for name in ('lower', 'upper') if context.version >= OPTIONAL_LIMITS else ():

@@ -25,7 +25,8 @@ import math
 import re
 
 from opencv_tools.robot.names import Names
-from opencv_tools.robot.urdf.versions import OLDEST, omit_newer, OPTIONAL_LIMITS, VERSIONS
+from opencv_tools.robot.urdf.versions import (
+    NEW_LIMITS, OLDEST, omit_newer, OPTIONAL_LIMITS, VERSIONS)
 from opencv_tools.robot.xml.document import DescriptionError, Element, line_of
 from opencv_tools.robot.xml.numbers import clamped, number_text, numbers_text, UNLIMITED
 from opencv_tools.robot.xml.passthrough import URDF_NAME
@@ -35,7 +36,7 @@ from opencv_tools.robot.xml.report import Report
 _NUMBERS: Mapping[str, tuple[str, ...]] = {
     'calibration': ('rising', 'falling'),
     'dynamics': ('damping', 'friction'),
-    'limit': ('lower', 'upper', 'effort', 'velocity', 'acceleration', 'deceleration', 'jerk'),
+    'limit': ('lower', 'upper', 'effort', 'velocity', *NEW_LIMITS),
     'mimic': ('multiplier', 'offset'),
     'safety_controller': ('soft_lower_limit', 'soft_upper_limit', 'k_position', 'k_velocity'),
 }

@@ -30,9 +30,10 @@ _OWNER = 'string(ancestor::*[@name][1]/@name)'  # the nearest element with a nam
 _VERSION = re.compile(r'\s*\+?([0-9]{1,9})\.([0-9]{1,9})')  # as C++ reads two numbers
 VERSIONS = ('1.0', '1.1', '1.2')
 OLDEST, ROTATIONS, OPTIONAL_LIMITS = VERSIONS
+NEW_LIMITS = ('acceleration', 'deceleration', 'jerk')  # of `OPTIONAL_LIMITS`
 # The first version with an attribute, by the tag of its element.
 _SINCE = {('origin', 'quat_xyzw'): ROTATIONS, **dict.fromkeys(
-    (('limit', name) for name in ('acceleration', 'deceleration', 'jerk')), OPTIONAL_LIMITS)}
+    (('limit', name) for name in NEW_LIMITS), OPTIONAL_LIMITS)}
 
 
 def apply_version(root: Element, report: Report) -> str:

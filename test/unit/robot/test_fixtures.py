@@ -399,7 +399,7 @@ def _compare_with_yourdfpy(robot: Robot, seen: Any, positions: dict[str, float])
 
 def _numbers(link: Link) -> tuple[object, ...]:
     """Return the numbers of the placements in a link, and its mass."""
-    inertial = link.inertial
+    inertial = link.inertial if link.has_mass else None
     return (link.placement.pose, [shape.placement.pose for shape in link.visuals],
             [shape.placement.pose for shape in link.collisions],
             inertial and (inertial.placement.pose, inertial.mass, inertial.inertia))

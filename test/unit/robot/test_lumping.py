@@ -311,6 +311,41 @@ def test_joint_that_must_stay_keeps_its_links_without_mass() -> None:
             if note.element == 'link'] == [True]
 
 
+@each_row(('mass', 'moment'), [('0', '0'), ('0.0', '0'), ('-0e5', '0'), ('0', '0.5')])
+def test_links_of_mass_0_are_links_without_mass(mass: str, moment: str) -> None:
+    element, report = ElementTree.fromstring(TOOL), Report()
+    for name in ('foot', 'flange', 'tool'):
+        link = element.find(f'link[@name="{name}"]')
+        assert link is not None
+        inertial = robots.add(link, 'inertial')
+        robots.add(inertial, 'mass', value=mass)
+        robots.add(inertial, 'inertia', **dict.fromkeys(('ixx', 'iyy', 'izz'), moment),
+                   **dict.fromkeys(('ixy', 'ixz', 'iyz'), '0'))
+    robot = without_sensor(ElementTree.tostring(element, encoding='unicode').replace(' />', '/>'))
+    assert sum(link.inertial is not None for link in robot.links) == 6
+    root = convert_to_sdf(robot, report)
+    assert root.xpath('model/link/@name') == ['base', 'wheel', 'finger']
+    assert root.xpath('model/link/inertial/mass/text()') == ['2', '0.625', '0.25']
+    assert ['without its moments' in note.message for note in report.warnings
+            if note.element == 'inertial'] == [True] * (3 if moment != '0' else 0)
+    there = sdf_of(robot)
+    back = urdf(to_bytes(convert_to_urdf(there, Report())))
+    for one in (there, back):
+        assert (differences(robot, one, tolerance=1e-12) == []) is (moment == '0')
+
+
+@each_row('options', [SdfOptions(), SdfOptions(inertial='keep'), SdfOptions(inertial='zero'),
+                      SdfOptions(inertial='default')])
+def test_link_of_mass_0_that_moves(options: SdfOptions) -> None:
+    report = Report()
+    robot = without_sensor(TOOL.replace('<mass value="0.25"/>' + INERTIA, '<mass value="0"/>'))
+    root = convert_to_sdf(robot, report, options)
+    mass = {'zero': ['0'], 'default': ['1']}.get(options.inertial, [])
+    assert root.xpath('model/link[@name="finger"]/inertial/mass/text()') == mass
+    assert any('massless in URDF, 1 kg in SDF' in note.message for note in report.warnings) is (
+        not mass)
+
+
 @each_row('options', [SdfOptions(fixed='keep'), SdfOptions(inertial='keep'),
                       SdfOptions(inertial='zero'), SdfOptions(inertial='default')])
 def test_options_that_keep_links_without_mass(options: SdfOptions) -> None:

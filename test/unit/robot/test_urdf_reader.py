@@ -109,6 +109,20 @@ def test_warnings(content: str, element: str, message: str) -> None:
     assert message in report.warnings[0].message
 
 
+@pytest.mark.parametrize('name', ['effort', 'velocity', 'acceleration', 'deceleration', 'jerk'])
+@pytest.mark.parametrize(('version', 'value', 'is_wrong'), [
+    ('1.2', '-3', True), ('1.2', '-0.25', True), ('1.2', '3', False), ('1.1', '-3', False)])
+def test_negative_limit_of_version_1_2(name: str, version: str, value: str, is_wrong: bool
+                                       ) -> None:
+    report = Report()
+    limits = {'effort': '1', 'velocity': '1', 'lower': '0', 'upper': '1', name: value}
+    text = joint('<limit ' + ' '.join(f'{key}="{one}"' for key, one in limits.items()) + '/>')
+    read_urdf(parse(f'<robot name="r" version="{version}">{text}</robot>'.encode(), 'r.urdf',
+                    report), report)
+    assert [note.message for note in report.warnings if 'negative' in note.message] == (
+        [f'{name}={value!r} is negative'] if is_wrong else [])
+
+
 def test_mimic_of_an_unknown_joint_is_preserved() -> None:
     report = Report()
     model = read(joint(LIMIT + '<mimic joint="x" offset="1"/>'), report)
