@@ -291,6 +291,68 @@ def test_the_first_of_repeated_elements_is_that_of_gazebo(
     assert first and ours == first
 
 
+PAINT = '<visual><material><{0}>0.25 0.5 0.75 1</{0}></material></visual>'
+COLORS = ('ambient', 'diffuse', 'specular')
+SHAPE = '<pose>0 0 {0} 0 0 0</pose><geometry><box><size>1 2 {0}</size></box></geometry>'
+
+
+def first_values(text: str, tags: tuple[str, ...]) -> list[dict[str, str]]:
+    """Return the first text at each of some paths in each visual and collision."""
+    shapes = ET.fromstring(text).findall('model/link/*[geometry]')
+    return [{tag: found for tag in tags if (found := numbers(shape.findtext(tag, '')))}
+            for shape in shapes]
+
+
+@pytest.mark.parametrize('has_color', [True, False])
+@pytest.mark.parametrize('contents', [
+    *[[PAINT.format(color)] for color in COLORS],
+    *[[PAINT.format(color), '<material>Gazebo/Odd</material>'] for color in COLORS],
+    ['<material>Gazebo/Odd</material>', PAINT.format('specular')],
+    [PAINT.format('diffuse'), PAINT.format('ambient')],
+    [PAINT.format('ambient').replace('0.25', '1'), PAINT.format('ambient')],
+    [PAINT.format('diffuse'), PAINT.format('specular')],
+    [PAINT.format('diffuse').replace('<visual>', '<visual name="n"><transparency>0.5'
+                                     '</transparency>'),
+     '<visual><transparency>0.25</transparency></visual>'],
+    ['<collision><max_contacts>3</max_contacts><surface><bounce><threshold>7</threshold></bounce>'
+     '</surface></collision>', '<collision name="n"><max_contacts>4</max_contacts><surface>'
+     '<contact><ode><kp>3</kp></ode></contact></surface></collision>'],
+    *[[f'<{tag}>{SHAPE.format(length)}</{tag}>'] for tag in ('visual', 'collision')
+      for length in ('0.001', '0.7', '300')]])
+def test_shapes_with_the_contents_of_blocks_are_those_of_gazebo(
+        tmp_path: Path, capsys: pytest.CaptureFixture[str], contents: list[str], has_color: bool
+) -> None:
+    file, content = tmp_path / 'r.urdf', ('' if has_color else NEXT).join(contents)
+    color = '<material name="m"><color rgba="1 0 1 1"/></material>' if has_color else ''
+    visual = ('<visual><origin xyz="0 0 2"/><geometry><sphere radius="0.5"/></geometry>'
+              f'{color}</visual>')
+    body = BODY.format('a').replace('<collision>', f'{visual}<collision>')
+    file.write_text(f'<robot name="r">{body}<gazebo reference="a">{content}</gazebo>'
+                    '</robot>')
+    gazebo = subprocess.run(['ign', 'sdf', '-p', str(file)], capture_output=True, text=True,
+                            timeout=LONGEST_SECONDS, check=True).stdout
+    assert urdf_to_sdf([str(file), '--sdf-version', '1.9']) == 0
+    sdf = capsys.readouterr()
+    tags = (*(f'material/{color}' for color in COLORS), 'material/script/name',
+            'geometry[1]/box/size', 'geometry[1]/sphere/radius', 'transparency', 'max_contacts',
+            'surface/bounce/threshold', 'surface/contact/ode/kp')
+    first, ours = (first_values(text, tags) for text in (gazebo, sdf.out))
+    for shape in ours:  # that of SDF, which Gazebo reads too
+        if shape.get('material/specular') == numbers('0 0 0 1'):
+            del shape['material/specular']
+    assert sorted(ours, key=repr) == sorted(first, key=repr)
+    poses = [[one.findtext('pose', '0 0 0 0 0 0') for one in ET.fromstring(text).findall(
+        'model/link/*[geometry]')] for text in (gazebo, sdf.out)]
+    assert sorted(map(numbers, poses[0])) == sorted(map(numbers, poses[1]))
+    for tag in ('pose', 'geometry'):
+        assert (f"<{tag}> 'a': is omitted" in sdf.err) is (f'<{tag}>' in content)
+    (tmp_path / 'r.sdf').write_text(sdf.out)
+    assert sdf_to_urdf([str(tmp_path / 'r.sdf'), '-o', str(file)]) == 0
+    assert urdf_to_sdf([str(file), '--sdf-version', '1.9']) == 0
+    again = first_values(capsys.readouterr().out, tags)
+    assert again == first_values(sdf.out, tags)
+
+
 @pytest.mark.parametrize(('path', 'content', 'other'), [
     ('gravity', '<turnGravityOff>1</turnGravityOff>', '<turnGravityOff>0</turnGravityOff>'),
     ('self_collide', '<selfCollide>1</selfCollide>', '<selfCollide>0</selfCollide>'),

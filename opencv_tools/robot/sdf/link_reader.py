@@ -22,8 +22,7 @@ from opencv_tools.robot.model import Extension, FrameId, INERTIA, Inertial, Link
 from opencv_tools.robot.sdf.context import SdfContext
 from opencv_tools.robot.sdf.fragments import with_capsule
 from opencv_tools.robot.sdf.values import (
-    color_of, DEFAULT_INERTIAL, flag, FRAMES, MATERIAL_COLORS, number_of, pose_of, text_of,
-    with_gazebo_color)
+    colors_of, DEFAULT_INERTIAL, flag, FRAMES, number_of, pose_of, text_of, with_gazebo_color)
 from opencv_tools.robot.xml.document import (
     DescriptionError, line_of, local_name, required_name, TrackedElement)
 from opencv_tools.robot.xml.numbers import numbers, vector
@@ -141,9 +140,8 @@ def _read_size(element: TrackedElement, tag: str, default: str, context: SdfCont
 
 
 def _read_material(element: TrackedElement, context: SdfContext) -> Material:
-    colors = {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
-              if (child := element.find(tag)) is not None}
     pbr = element.find('pbr')
     metal = pbr.find('metal') if pbr else None
     uri = context.resolved_uri(text_of(metal, 'albedo_map')) if metal else ''
-    return Material(name=element.get(f'{URDF_TAG}name', ''), texture=uri, **colors)
+    return Material(name=element.get(f'{URDF_TAG}name', ''), texture=uri,
+                    **colors_of(element))

@@ -212,6 +212,12 @@ def color_of(element: AnyElement) -> Color:
     return red, green, blue, alpha[0] if alpha else 1.0
 
 
+def colors_of(material: AnyElement) -> dict[str, Color]:
+    """Read the colours of a ``<material>``, by the field of each."""
+    return {field: color_of(child) for tag, field in MATERIAL_COLORS.items()
+            if (child := material.find(tag)) is not None}
+
+
 def with_gazebo_color(shape: Shape) -> Shape:
     """Return a visual with the colours of its material of Gazebo, if it has none of its own."""
     sdf, material = shape.extension.sdf, shape.material or Material()

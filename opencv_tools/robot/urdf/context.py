@@ -20,10 +20,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from lxml import etree
+from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.model import Extension, FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import GAZEBO, MODEL_PARTS, PRESERVING_TAGS
+from opencv_tools.robot.sdf.values import colors_of, GAZEBO, MODEL_PARTS, PRESERVING_TAGS
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, SETTING_TAGS
@@ -38,6 +39,8 @@ from opencv_tools.robot.xml.report import Report
 _FLAGS = {'yes': 'true', 'no': 'false'}  # words that only ``<gazebo>`` allows
 _MERGED = {('link', 'visual'): 'visual', ('link', 'collision'): 'collision',
            ('joint', 'physics'): 'joint'}
+# Children of ``<visual>`` and ``<collision>`` of which the last one counts, or none, not the first.
+_REPLACED, _FIXED = ('material', 'surface'), ('geometry', 'pose')
 
 
 @dataclass(frozen=True)
@@ -47,11 +50,13 @@ class Extracted:
 
     :param moved: elements that SDF has in the model, link or joint, by that.
     :param values: values of settings, by `settings.Setting.owner` and a name.
+    :param colors: colours of all visuals, by link.
     :param remaining: the blocks with what remains in them.
     """
 
     moved: dict[FrameId, list[Element]] = field(default_factory=dict)
     values: dict[tuple[str, str], Element] = field(default_factory=dict)
+    colors: dict[str, dict[str, Color]] = field(default_factory=dict)
     remaining: list[Element] = field(default_factory=list)
 
     def with_settings(self, extension: Extension, owner: str, name: str) -> Extension:
@@ -92,6 +97,12 @@ def extract_sdf(root: TrackedElement, tree: LinkTree, report: Report) -> Extract
                             f'{flaw}; the element is preserved unchanged')
         if len(copy) or set(copy.attrib) - {'reference'} or not owners:
             extracted.remaining.append(copy)
+    for key in [key for key in extracted.values if key[0] == 'visual']:
+        visual = TrackedElement(extracted.values.pop(key))
+        if (material := visual.find('material')) is not None:
+            extracted.colors[key[1]] = colors_of(material)
+        if (rest := visual.unread()) is not None:
+            extracted.values[key] = rest
     return extracted
 
 
@@ -110,10 +121,10 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
         if holder := _MERGED.get((owner.kind, tag)):
             if holder != 'joint' and not _has_shapes(holder, owner.name, tree):
                 return ''  # it has no effect in Gazebo either
-            flaw = fragment_flaw(element)
+            flaw = fragment_flaw(element, is_exact=True)
             if not flaw:
                 values = extracted.values.setdefault((holder, owner.name), etree.Element(holder))
-                merge_unread(values, _as_parts(element, holder), marked=True, in_front=True)
+                _add_parts(values, element, owner.name, report)
                 report.preserve(tag, owner.name, line_of(element),
                                 f'moved from <gazebo> into each {tag} of the {owner.kind}')
             return flaw or None
@@ -155,17 +166,27 @@ def _has_shapes(tag: str, name: str, tree: LinkTree) -> bool:
     return any(tree.links[name].element.find(prefix + tag) is not None for prefix in ('', SDF_TAG))
 
 
-def _as_parts(element: Element, holder: str) -> Element:
-    """Return a copy of an element that is merged into others, or of a holder with the element."""
+def _add_parts(values: Element, element: Element, name: str, report: Report) -> None:
+    """Add the contents of an element of a block to values, as libsdformat does."""
     copy = detached(element)
-    if copy.tag != holder:
-        outer = etree.Element(holder)
-        outer.append(copy)
-        copy = outer
     for inner in copy.iter(etree.Element):
-        if len(inner) and inner is not copy:
+        if len(inner) and (inner is not copy or copy.tag == 'physics'):
             inner.set(PARTLY_READ, 'true')
-    return copy
+    if copy.tag == 'physics':
+        outer = etree.Element(values.tag)
+        outer.append(copy)
+        merge_unread(values, outer, marked=True, in_front=True)
+        return
+    for child in copy.findall('*'):
+        tag = str(child.tag)
+        if tag in _FIXED:
+            report.warn(tag, name, line_of(child), 'is omitted: it has no effect in Gazebo, '
+                        f'because the <{copy.tag!s}> has its own')
+            continue
+        if tag in _REPLACED and (former := values.find(tag)) is not None:
+            values.remove(former)
+            report.warn(tag, name, line_of(child), 'replaces all of an earlier one')
+        values.append(child)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -118,6 +118,19 @@ def with_default_lights(material: Material) -> Material:
     return replace(material, ambient=material.color, specular=BLACK, emissive=BLACK)
 
 
+def with_block_colors(visual: Shape, colors: Mapping[str, Color], link: str, report: Report
+                      ) -> Shape:
+    """Return a visual with the colours of ``<gazebo>``, of which two replace its own ones."""
+    if not colors:
+        return visual
+    material = visual.material or Material()
+    if material.color and colors.keys() & {'color', 'ambient'}:
+        report.warn('material', link, visual.line, f'rgba={numbers_text(material.color)!r} has no '
+                    'effect in Gazebo: the <material> of <gazebo> replaces it')
+        material = Material(texture=material.texture)
+    return replace(visual, material=Material(**{**vars(material), **colors}))
+
+
 @dataclass
 class MaterialNames:
     """

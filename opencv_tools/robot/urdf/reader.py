@@ -39,7 +39,8 @@ from opencv_tools.robot.sdf.fragments import (
 from opencv_tools.robot.sdf.values import MODEL_FRAME, with_gazebo_color
 from opencv_tools.robot.trees import select_root
 from opencv_tools.robot.urdf.context import read_context, UrdfContext
-from opencv_tools.robot.urdf.materials import MaterialTable, visual_material
+from opencv_tools.robot.urdf.materials import (
+    MaterialTable, visual_material, with_block_colors)
 from opencv_tools.robot.urdf.poses import origin_of, preserved_pose
 from opencv_tools.robot.urdf.tree import LinkTree
 from opencv_tools.robot.urdf.versions import apply_version, NEW_LIMITS, OPTIONAL_LIMITS
@@ -156,10 +157,11 @@ def read_link(element: TrackedElement, context: UrdfContext) -> Link:
     link_frame = context.link_frame(name)
     inertial = element.find('inertial')
     visuals, collisions = (
-        tuple(with_gazebo_color(replace(
-            shape, extension=context.gazebo.with_settings(shape.extension, tag, name)))
+        tuple(with_gazebo_color(with_block_colors(replace(
+            shape, extension=context.gazebo.with_settings(shape.extension, tag, name)),
+            colors, name, context.report))
               for shape in shapes_of(element, tag, link_frame, context.materials, context.report))
-        for tag in ('visual', 'collision'))
+        for tag, colors in (('visual', context.gazebo.colors.get(name, {})), ('collision', {})))
     return Link(
         name=name, placement=_link_placement(element, context),
         inertial=None if inertial is None else _inertial(
