@@ -28,7 +28,7 @@ import sys
 
 from lxml import etree
 
-KINDS = ('bool', 'color', 'double', 'pose', 'vector3')
+KINDS = ('bool', 'color', 'double', 'int', 'pose', 'unsigned', 'vector3')
 PAGE = Path(__file__).parents[1] / 'opencv_tools' / 'robot' / 'sdf' / 'elements.txt'
 
 
@@ -60,8 +60,7 @@ def write_values(folder: Path) -> None:
         path = (element.get('name', ''), *outer)
         limits = ' '.join(f'{key}={element.get(key)}' for key in ('min', 'max') if (
             element.get(key) and element.get('type') == 'double'))
-        kind = {'int': 'double', 'unsigned int': 'double'}.get(
-            element.get('type', ''), element.get('type', ''))
+        kind = element.get('type', '').removesuffix(' int')  # of 'unsigned int'
         found[path] = f'{kind} {limits}'.strip()
         for child in element.iterchildren('element', 'include'):
             name = child.get('filename', '')

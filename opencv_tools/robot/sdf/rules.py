@@ -86,6 +86,8 @@ def _ends(table: Mapping[str, _Value]) -> _Ends[_Value]:
 # Check of a text, and description of a valid text, by type of value.
 _KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
     'double': (lambda text: _read_number(text) is not None, 'a number'),
+    'int': (lambda text: _read_number(text) is not None, 'an integer'),
+    'unsigned': (lambda text: _read_number(text) is not None, 'an integer from 0'),
     'bool': (lambda text: text.lower() in ('true', 'false', '1', '0'), 'true or false'),
     'vector3': (lambda text: _numbers(3, text), '3 numbers'),
     'color': (_is_color, '3 or 4 numbers'),
@@ -94,12 +96,15 @@ _KINDS: Mapping[str, tuple[Callable[[str], bool], str]] = {
                    '7 finite numbers'),
 }
 _COUNTS = {'double': 1, 'vector3': 3}
+# The texts of integers of which libsdformat ignores nothing but zeros.
+_INTEGERS = {'int': r'[+-]?\d+(\.0*)?', 'unsigned': r'\+?\d+(\.0*)?'}
 _COLORS = ('ambient', 'diffuse', 'specular', 'emissive', 'color_start', 'color_end')
 
 
 def _read_rule(kind: str, *limits: str) -> tuple[str, float, float]:
-    values = dict(limit.split('=') for limit in limits)
-    return kind, float(values.get('min', -math.inf)), float(values.get('max', math.inf))
+    largest = 2**31 - 1 if kind == 'int' else math.inf
+    values = {'min': -largest - 1, 'max': largest, **dict(limit.split('=') for limit in limits)}
+    return kind, float(values['min']), float(values['max'])
 
 
 _NONE = _read_rule('')
@@ -145,6 +150,8 @@ def find_flaw(element: Element, *, is_exact: bool = False) -> str:
 
 
 def _is_exact(text: str, kind: str) -> bool:
+    if kind in _INTEGERS:
+        return re.fullmatch(_INTEGERS[kind], text, re.ASCII) is not None
     try:
         values = tuple(map(c_float, text.split()))
     except ValueError:

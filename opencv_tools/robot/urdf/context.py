@@ -39,7 +39,7 @@ from opencv_tools.robot.xml.report import Report
 _FLAGS = {'yes': 'true', 'no': 'false'}  # words that only ``<gazebo>`` allows
 _MERGED = {('link', 'visual'): 'visual', ('link', 'collision'): 'collision',
            ('joint', 'physics'): 'joint'}
-# Children of ``<visual>`` and ``<collision>`` of which the last one counts, or none, not the first.
+# Children of ``<visual>`` and ``<collision>`` of which the last one counts, or none.
 _REPLACED, _FIXED = ('material', 'surface'), ('geometry', 'pose')
 
 

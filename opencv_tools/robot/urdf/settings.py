@@ -168,7 +168,8 @@ def _shared(owners: Sequence[Element], tags: Sequence[str]) -> list[Element]:
         alike = [twin for owner in owners for twin in owner.findall(str(child.tag))
                  if etree.tostring(twin, method='c14n') == etree.tostring(child, method='c14n')]
         is_one = child.tag == 'plugin' or len(owners[0].findall(str(child.tag))) == 1
-        if child.tag in tags and is_one and len(alike) == len(owners):
+        if child.tag in tags and is_one and len(alike) == len(owners) and (
+                not fragment_flaw(child, is_exact=True)):
             copy = detached(child)
             etree.strip_attributes(copy, PARTLY_READ)
             shared.append(copy)
@@ -186,7 +187,8 @@ def _leaves(owner: Element | None, setting: Setting) -> list[Element]:
     if setting.owner == 'visual':  # other scripts are in other files
         leaves = [leaf for leaf in leaves if (parent := leaf.getparent()) is not None
                   and parent.findtext('uri') == SCRIPT]
-    is_one = len(leaves) == len(setting.paths) and len({leaf.text for leaf in leaves}) == 1
+    texts = {(leaf.text or '').strip() for leaf in leaves}
+    is_one = len(leaves) == len(setting.paths) and len(texts) == 1 and not setting.flaw(*texts)
     return leaves if is_one else []
 
 

@@ -158,6 +158,7 @@ TEXTS = {
         '@filename': 'package://robot/b.stl', '@scale': '1 2 3', '@rgba': '0.1 0.2 0.3 0.4',
         'joint/@type': 'prismatic', 'parent/@link': 'hand', 'child/@link': 'arm',
         'mimic/@joint': 'wrist', '@reference': 'elbow', 'gravity': 'false', 'fdir1': '1 0 0',
+        'maxContacts': '7', 'visibility_flags': '7', 'max_contacts': '7',
         **dict.fromkeys((
             'selfCollide', 'turnGravityOff', 'cfmDamping', 'implicitSpringDamper',
             'provideFeedback'), 'true'),

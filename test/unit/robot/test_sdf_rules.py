@@ -278,6 +278,10 @@ def test_pose_by_its_rotation_format(attribute: str, counts: list[int], expected
     ('<mass rotation_format="quat_xyzw">1</mass>', ''),
     ('<name>x</name>', ''),
     ('<mass>x<unit/></mass>', ''),  # content that is not a text
+    ('<max_contacts>3.7</max_contacts>', ''),  # the text after 3 is ignored
+    ('<max_contacts>few</max_contacts>', "'few' is not an integer"),
+    ('<max_contacts>2147483648</max_contacts>',
+     "'2147483648' is outside of -2.14748e+09 to 2.14748e+09"),
     ('<mu>nan</mu>', ''),
     ('<restitution_coefficient>1_9</restitution_coefficient>', ''),  # the text after 1 is ignored
     ('<mu>-0x1</mu>', "'-0x1' is outside of 0 to inf"),

@@ -65,7 +65,7 @@ def test_every_setting_there_and_back(setting: Setting) -> None:
     tag, owner = setting.tag, setting.owner
     flags = ('selfCollide', 'turnGravityOff', 'cfmDamping', 'implicitSpringDamper',
              'provideFeedback', 'static')
-    text = '0 1 0' if tag == 'fdir1' else 'true' if tag in flags else '0.5'
+    text = {'fdir1': '0 1 0', 'maxContacts': '5'}.get(tag, 'true' if tag in flags else '0.5')
     reference = {'joint': 'j', 'model': None}.get(owner, 'a')
     attribute = f' reference="{reference}"' if reference else ''
     model, report = sdf_of(f'<gazebo{attribute}><{tag}>{text}</{tag}></gazebo>')
@@ -94,6 +94,13 @@ def test_every_setting_there_and_back(setting: Setting) -> None:
     ('<gazebo reference="a"><fdir1>1 0</fdir1></gazebo>', "'1 0' is not 3 numbers"),
     ('<gazebo reference="a"><dampingFactor>1 2</dampingFactor></gazebo>', "'1 2' is not a number"),
     ('<gazebo reference="j"><stopErp>1_0</stopErp></gazebo>', "'1_0' is not a number"),
+    ('<gazebo reference="a"><maxContacts>3.7</maxContacts></gazebo>', "'3.7' is not an integer"),
+    ('<gazebo reference="a"><maxContacts>1e1</maxContacts></gazebo>', "'1e1' is not an integer"),
+    ('<gazebo reference="a"><maxContacts>-2147483649</maxContacts></gazebo>', 'is outside of -2'),
+    ('<gazebo reference="a"><collision><max_contacts>0.5</max_contacts></collision></gazebo>',
+     "'0.5' is not an integer"),
+    ('<gazebo reference="a"><visual><visibility_flags>-3</visibility_flags></visual></gazebo>',
+     "'-3' is not an integer from 0"),
     ('<gazebo reference="a"><mu1/></gazebo>', 'has no value'),
     ('<gazebo reference="a"><turnGravityOff>2</turnGravityOff></gazebo>', "'2' is not true")])
 def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> None:
@@ -101,6 +108,13 @@ def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> No
     assert words in report.warnings[0].message
     assert len(model.xpath('*[local-name()="urdf"]/gazebo/*')) == 1
     assert model.xpath('//surface | //velocity_decay | //physics') == []
+
+
+@each_row('text', ['0', '-3', '+7', '40.', '300.00', '2147483647'])
+def test_integers_of_gazebo(text: str) -> None:
+    model, report = sdf_of(f'<gazebo reference="a"><maxContacts>{text}</maxContacts></gazebo>')
+    assert report.warnings == []
+    assert model.xpath('//max_contacts/text()') == [text, text]
 
 
 def test_infinite_friction() -> None:
