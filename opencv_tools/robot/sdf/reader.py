@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from graphlib import CycleError
 import math
@@ -150,19 +150,27 @@ def mark_loops(robot: Robot, canonical: str) -> Robot:
     Mark the joints that close a loop, so that the other joints form trees.
 
     The first joint of a link, in the order of the file, places the link. If every link is the
-    child of a joint, the root is the canonical link, or else the first link.
+    child of a joint, the root is the canonical link or else the first one that leads to all others.
     """
-    components = _DisjointSets()
+    children = dict[str, list[str]]()
     for joint in robot.joints:
-        components.union(joint.parent, joint.child)
-    children = {joint.child for joint in robot.joints}
-    links = [canonical, *(link.name for link in robot.links)]
-    rooted = {components.find(link) for link in links if link not in children}
-    placed = set()
-    for link in links:
-        if components.find(link) not in rooted:
-            rooted.add(components.find(link))
-            placed.add(link)
+        children.setdefault(joint.parent, []).append(joint.child)
+
+    def starts(links: Iterable[str]) -> list[str]:
+        """Return the links that no link before them leads to."""
+        found, seen = [], set[str]()
+        for link in links:
+            if link not in seen:
+                found.append(link)
+                pending = [link]
+                while pending:
+                    if (one := pending.pop()) not in seen:
+                        seen.add(one)
+                        pending += children.get(one, ())
+        return found
+
+    # A later start may lead to an earlier one, but not the reverse.
+    placed = set(starts(reversed(starts([canonical, *(link.name for link in robot.links)]))))
     trees, joints = _DisjointSets(), []
     for joint in robot.joints:
         is_loop = joint.child in placed or not trees.union(joint.parent, joint.child)

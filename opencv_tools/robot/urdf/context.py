@@ -24,7 +24,8 @@ from opencv_tools.robot.geometry import Color
 from opencv_tools.robot.model import Extension, FrameId, MODEL
 from opencv_tools.robot.pose import Pose
 from opencv_tools.robot.sdf.fragments import fragment_flaw
-from opencv_tools.robot.sdf.values import colors_of, GAZEBO, MODEL_PARTS, PRESERVING_TAGS
+from opencv_tools.robot.sdf.values import (
+    colors_of, GAZEBO, MODEL_PARTS, POSED, PRESERVING_TAGS)
 from opencv_tools.robot.urdf.materials import collect_materials, MaterialTable
 from opencv_tools.robot.urdf.poses import in_link_frame, preserved_pose
 from opencv_tools.robot.urdf.settings import set_value, Setting, SETTING_OF, SETTING_TAGS
@@ -36,6 +37,8 @@ from opencv_tools.robot.xml.report import Report
 
 # Elements of a link or joint whose contents Gazebo adds to all visuals or collisions of the link,
 # or to the physics of the joint.
+# Elements that an owner may have several times.
+_SEVERAL = POSED.union(MODEL_PARTS, ('audio_sink', 'battery', 'gripper', 'plugin'))
 _FLAGS = {'yes': 'true', 'no': 'false'}  # words that only ``<gazebo>`` allows
 _MERGED = {('link', 'visual'): 'visual', ('link', 'collision'): 'collision',
            ('joint', 'physics'): 'joint'}
@@ -133,7 +136,11 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
             copy.text = text if text in ('true', 'false') else copy.text
             flaw = fragment_flaw(copy)
             if not flaw:
-                extracted.moved.setdefault(owner, []).append(copy)
+                held = extracted.moved.setdefault(owner, [])
+                if tag not in _SEVERAL and any(one.tag == tag for one in held):
+                    report.warn(tag, owner.name or robot, line_of(element),
+                                'has no effect: an earlier one counts')
+                held.append(copy)
                 report.preserve(tag, owner.name or robot, line_of(element),
                                 f'moved from <gazebo> into the {owner.kind}')
             return flaw or None

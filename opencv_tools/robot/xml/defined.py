@@ -61,4 +61,4 @@ def report_undefined(unread: Iterable[tuple[Element, str]], table: Table, langua
         for key, place in unknown:
             if key not in _UNCHECKED and '{' not in key:
                 report.warn(key, name, line_of(place), f'is not defined in <{element.tag!s}> by '
-                            f'{language} and has no effect; kept for the conversion back')
+                            f'{language} and has no effect')

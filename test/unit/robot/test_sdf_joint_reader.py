@@ -167,6 +167,10 @@ def test_marked_loops() -> None:
     assert loops('ab', 'bc', 'ca', canonical='b') == [True, False, False]
     assert loops('bc', 'cb', 'ab') == [False, True, False]
     assert loops('ab', 'ba', 'cd', 'dc') == [False, True, False, True]
+    # Links before the root of a cycle, which are not in the cycle.
+    assert loops('bc', 'cd', 'db', 'ba') == [False, False, True, False]
+    assert loops('bc', 'cd', 'db', 'ba', canonical='d') == [False, True, False, False]
+    assert loops('ca', 'ab', 'cd', 'de', 'ec') == [False, False, False, False, True]
 
 
 def test_loop_of_two_joints() -> None:

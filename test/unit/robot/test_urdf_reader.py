@@ -123,6 +123,13 @@ def test_negative_limit_of_version_1_2(name: str, version: str, value: str, is_w
         [f'{name}={value!r} is negative'] if is_wrong else [])
 
 
+def test_warning_of_an_undefined_element_promises_no_conversion() -> None:
+    report = Report()
+    read('<link name="a"><odd/></link>', report)
+    assert [note.message for note in report.warnings] == [
+        'is not defined in <link> by URDF and has no effect']
+
+
 def test_mimic_of_an_unknown_joint_is_preserved() -> None:
     report = Report()
     model = read(joint(LIMIT + '<mimic joint="x" offset="1"/>'), report)

@@ -110,6 +110,19 @@ def test_setting_without_an_effect_has_a_warning(content: str, words: str) -> No
     assert model.xpath('//surface | //velocity_decay | //physics') == []
 
 
+@each_row(('content', 'tags'), [
+    ('<velocity_decay><linear>{}</linear></velocity_decay>' * 2, ['velocity_decay']),
+    ('<gravity>{}</gravity></gazebo><gazebo reference="a"><gravity>0</gravity>', ['gravity']),
+    ('<kinematic>{}</kinematic>' * 4, ['kinematic'] * 3),
+    ('<light name="l{}" type="point"/><light name="m" type="point"/>', []),
+    ('<audio_source><uri>{}</uri></audio_source>' * 2, [])])
+def test_second_element_that_a_link_has_once_has_a_warning(content: str, tags: list[str]) -> None:
+    model, report = sdf_of(f'<gazebo reference="a">{content.replace("{}", "1")}</gazebo>')
+    assert [(note.element, note.message) for note in report.warnings] == [
+        (tag, 'has no effect: an earlier one counts') for tag in tags]
+    assert model.xpath('*[local-name()="urdf"]/gazebo/*') == []
+
+
 @each_row('text', ['0', '-3', '+7', '40.', '300.00', '2147483647'])
 def test_integers_of_gazebo(text: str) -> None:
     model, report = sdf_of(f'<gazebo reference="a"><maxContacts>{text}</maxContacts></gazebo>')
