@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from graphlib import CycleError
+from heapq import heappop, heappush
 import math
 from pathlib import Path
 
@@ -149,55 +151,35 @@ def mark_loops(robot: Robot, canonical: str) -> Robot:
     """
     Mark the joints that close a loop, so that the other joints form trees.
 
-    The first joint of a link, in the order of the file, places the link. If every link is the
-    child of a joint, the root is the canonical link or else the first one that leads to all others.
+    The first joint that leads from a root to a link, in the order of the file, places the link. If
+    every link is the child of a joint, the root is the canonical link, or else the first one that
+    leads to all others.
     """
-    children = dict[str, list[str]]()
-    for joint in robot.joints:
-        children.setdefault(joint.parent, []).append(joint.child)
+    leading = defaultdict[str, list[tuple[int, str]]](list)
+    for number, joint in enumerate(robot.joints):
+        leading[joint.parent].append((number, joint.child))
+
+    def placed_by(roots: Iterable[str], seen: set[str]) -> set[int]:
+        pending, joints = sorted((-1, root) for root in roots), set[int]()
+        while pending:
+            number, link = heappop(pending)
+            if link not in seen:
+                seen.add(link)
+                joints.add(number)
+                for one in leading[link]:
+                    heappush(pending, one)
+        return joints
 
     def starts(links: Iterable[str]) -> list[str]:
         """Return the links that no link before them leads to."""
-        found, seen = [], set[str]()
-        for link in links:
-            if link not in seen:
-                found.append(link)
-                pending = [link]
-                while pending:
-                    if (one := pending.pop()) not in seen:
-                        seen.add(one)
-                        pending += children.get(one, ())
-        return found
+        seen = set[str]()
+        return [link for link in links if placed_by([link], seen)]
 
     # A later start may lead to an earlier one, but not the reverse.
-    placed = set(starts(reversed(starts([canonical, *(link.name for link in robot.links)]))))
-    trees, joints = _DisjointSets(), []
-    for joint in robot.joints:
-        is_loop = joint.child in placed or not trees.union(joint.parent, joint.child)
-        if not is_loop:
-            placed.add(joint.child)
-        joints.append(replace(joint, is_loop=is_loop))
-    return replace(robot, joints=tuple(joints))
-
-
-class _DisjointSets:
-    """Sets of connected links (union-find)."""
-
-    def __init__(self) -> None:
-        self._parents: dict[str, str] = {}
-
-    def find(self, link: str) -> str:
-        """Return the representative of the set of a link."""
-        while (parent := self._parents.get(link, link)) != link:
-            self._parents[link] = self._parents.get(parent, parent)
-            link = parent
-        return link
-
-    def union(self, first: str, second: str) -> bool:
-        """Join the sets of two links; return whether they were separate."""
-        first, second = self.find(first), self.find(second)
-        self._parents[second] = first
-        return first != second
+    roots = starts(reversed(starts([canonical, *(link.name for link in robot.links)])))
+    tree = placed_by(roots, set())
+    return replace(robot, joints=tuple(
+        replace(joint, is_loop=number not in tree) for number, joint in enumerate(robot.joints)))
 
 
 def _joint_type(element: TrackedElement) -> str:

@@ -167,6 +167,7 @@ def test_marked_loops() -> None:
     assert loops('ab', 'bc', 'ca', canonical='b') == [True, False, False]
     assert loops('bc', 'cb', 'ab') == [False, True, False]
     assert loops('ab', 'ba', 'cd', 'dc') == [False, True, False, True]
+    assert loops('cb', 'bc', 'ab') == [True, False, False]
     # Links before the root of a cycle, which are not in the cycle.
     assert loops('bc', 'cd', 'db', 'ba') == [False, False, True, False]
     assert loops('bc', 'cd', 'db', 'ba', canonical='d') == [False, True, False, False]
