@@ -176,15 +176,10 @@ def _has_shapes(tag: str, name: str, tree: LinkTree) -> bool:
 def _add_parts(values: Element, element: Element, name: str, report: Report) -> None:
     """Add the contents of an element of a block to values, as libsdformat does."""
     copy = detached(element)
-    for inner in copy.iter(etree.Element):
-        if len(inner) and (inner is not copy or copy.tag == 'physics'):
-            inner.set(PARTLY_READ, 'true')
-    if copy.tag == 'physics':
-        outer = etree.Element(values.tag)
-        outer.append(copy)
-        merge_unread(values, outer, marked=True, in_front=True)
-        return
-    for child in copy.findall('*'):
+    for child in copy.findall('*') if copy.tag == values.tag else [copy]:
+        for inner in child.iter(etree.Element):
+            if len(inner):
+                inner.set(PARTLY_READ, 'true')
         tag = str(child.tag)
         if tag in _FIXED:
             report.warn(tag, name, line_of(child), 'is omitted: it has no effect in Gazebo, '
