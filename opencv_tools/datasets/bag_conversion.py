@@ -38,7 +38,7 @@ from opencv_tools.datasets.depth import codes_of, DepthImages
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.lerobot import import_pyarrow, plan_features, rows_table
 from opencv_tools.datasets.part import bag_state, FINGERPRINT, is_done, PART, ROWS
-from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures, rows_with_pictures
+from opencv_tools.datasets.pictures import fingerprint, luma, row_pictures, with_rows
 from opencv_tools.datasets.plan import IMAGES, LEROBOT, Plan, STAMPS
 from opencv_tools.datasets.row_values import (
     row_numbers, row_stamps, row_vectors, shortened, shown_rows, topic_accounts, unused_topics)
@@ -212,14 +212,14 @@ def convert_bag(path: str, plan: Plan, folder: str, name: str, threads: int = 1,
     if is_done(target, plan, state):
         return
     recording = read_recording(open_bag(Path(path), files), plan)
-    recording, episodes, _ = rows_with_pictures(plan, recording, name)
     target.parent.mkdir(parents=True, exist_ok=True)
     work = target.with_name(f'.{target.name}.{os.urandom(6).hex()}')
     work.mkdir()
     try:
-        described, kept = (
-            write_rows(plan, recording, episodes, work, threads) if plan.format == LEROBOT else
-            write_samples(plan, recording, episodes, work, name))
+        recording, episodes, (described, kept) = with_rows(
+            plan, recording, name, lambda used, rows: (
+                write_rows(plan, used, rows, work, threads) if plan.format == LEROBOT else
+                write_samples(plan, used, rows, work, name)))
         text = json.dumps({
             'bag': name, 'state': state, 'plan': plan.digest, 'fps': plan.fps,
             'robot_type': plan.robot_type, 'format': plan.format, 'warnings': recording.warnings,

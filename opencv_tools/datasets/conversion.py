@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from functools import partial
 import os
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from opencv_tools.datasets.folders import check_target, locked_parts, remove_par
 from opencv_tools.datasets.jobs import convert_here, find_jobs, Job
 from opencv_tools.datasets.merge import MARKS
 from opencv_tools.datasets.part import bag_state, is_done, read_part
-from opencv_tools.datasets.pictures import check_sizes, rows_with_pictures
+from opencv_tools.datasets.pictures import check_sizes, first_pictures, with_rows
 from opencv_tools.datasets.plan import ACTION, IMAGES, LEROBOT, Plan
 from opencv_tools.datasets.row_values import row_vectors, shortened, topic_accounts
 from opencv_tools.datasets.set_writing import failed_messages, topic_lines, write_set
@@ -49,7 +50,7 @@ def describe_bag(job: Job, plan: Plan) -> int:
     """
     bag, name = open_bag(job.path, job.files), job.name
     recording = read_recording(bag, plan)
-    recording, episodes, pictures = rows_with_pictures(plan, recording, name)
+    recording, episodes, pictures = with_rows(plan, recording, name, partial(first_pictures, plan))
     uses: dict[str, list[str]] = {}
     for camera, topic in plan.images:
         uses.setdefault(topic, []).append(IMAGES + camera)
@@ -123,14 +124,15 @@ class Conversion:
         if options.shard:
             write_shard(self._target, options.shard, self._plan.digest,
                         [job.name for job in self._jobs])
-            failed = self._convert()
-            self._log.info(f'{len(self._jobs) - len(failed)} of {len(self._jobs)} bags are in '
-                           f'{printable(self._target, MAX_PATH)}; join all shards with --merge')
-            return _EXIT_FAILURE if failed else _EXIT_OK
+            done, failed = self._convert()
+            lost = failed_messages(read_part(job.folder) for job in done)
+            self._log.info(f'{len(done)} of {len(self._jobs)} bags are in '
+                           f'{printable(self._target, MAX_PATH)}, {lost} messages failed; join '
+                           'all shards with --merge')
+            return _EXIT_FAILURE if failed or lost else _EXIT_OK
         with locked_parts(self._target):
             check_target(self._target, MARKS, options.overwrite)
-            failed = self._convert()
-            done = [job for job in self._jobs if job not in failed]
+            done, failed = self._convert()
             if not done or (failed and not options.skip_failed):
                 self._log.error(
                     f'{len(failed)} of {len(self._jobs)} bags cannot be converted, so no set is '
@@ -138,8 +140,6 @@ class Conversion:
                     'what is missing, or leave these bags out with --skip-failed')
                 return _EXIT_FAILURE
             lost = write_set([job.folder for job in done], self._target, self._log)
-            if lost < 0:
-                return _EXIT_FAILURE
             for part in self._parts.iterdir():
                 if part.is_dir():
                     remove_part(part)
@@ -165,8 +165,8 @@ class Conversion:
                 self._log.error(f'{printable(job.name)}: {err}')
         return _EXIT_FAILURE if failed else _EXIT_OK
 
-    def _convert(self) -> list[Job]:
-        """Convert the bags that are missing; return those that cannot be converted."""
+    def _convert(self) -> tuple[list[Job], list[Job]]:
+        """Convert the bags that are missing; return all that are converted, and the others."""
         missing = [job for job in self._jobs if not _is_done(job, self._plan)]
         if len(missing) < len(self._jobs):
             self._log.info(f'{len(self._jobs) - len(missing)} of {len(self._jobs)} bags are '
@@ -185,7 +185,7 @@ class Conversion:
             for warning in [*part['warnings'][:_MOST_WARNINGS], *(
                     [f'{further} more warnings'] if further > 0 else [])]:
                 self._log.warning(f'{printable(job.name)}: {warning}')
-        return failed
+        return [job for job in self._jobs if job not in failed], failed
 
     def _engine(self, jobs: Sequence[Job]) -> Iterator[tuple[Job, str]]:
         if not jobs:

@@ -16,11 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import count
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -35,6 +35,8 @@ from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Plan
 from opencv_tools.datasets.rows import Rows
 from opencv_tools.datasets.tracks import Recording
+
+_Made = TypeVar('_Made')
 
 
 class _FirstPicturesError(DatasetError):
@@ -55,26 +57,36 @@ class _FirstPicturesError(DatasetError):
                 f'{self.name}: the first {count} pictures cannot be decoded: {self}'])
 
 
-def rows_with_pictures(plan: Plan, recording: Recording, bag: str,
-                       ) -> tuple[Recording, list[Rows], dict[str, OutputImage]]:
+def with_rows(plan: Plan, recording: Recording, bag: str,
+              use: Callable[[Recording, list[Rows]], _Made],
+              ) -> tuple[Recording, list[Rows], _Made]:
     """
-    Return the samples and the rows of a bag, which begin with pictures that can be decoded.
+    Use the samples and the rows of a bag, which begin with pictures that can be decoded.
 
     :param bag: name of the bag, for a table of episodes.
-    :returns: samples, rows of each episode, and the first picture of each camera.
+    :param use: reader of the pictures; it is called again with later rows if the first pictures
+        of a camera cannot be decoded.
+    :returns: samples, rows of each episode, and what ``use`` returned.
     :raises DatasetError: a picture cannot be used, or as of `episodes_of`.
     """
     while True:
         attempt = replace(recording, warnings=[*recording.warnings])
         episodes = episodes_of(attempt, plan, bag)
-        first = {}
         try:
-            for camera, _ in plan.images:
-                with closing(row_pictures(plan, attempt, camera, episodes)) as pictures:
-                    first[camera] = next(pictures)[1]
-            return attempt, episodes, first
+            return attempt, episodes, use(attempt, episodes)
         except _FirstPicturesError as err:
             recording = err.without(recording)
+
+
+def first_pictures(plan: Plan, recording: Recording, episodes: Sequence[Rows],
+                   ) -> dict[str, OutputImage]:
+    """
+    Return the first picture of each camera.
+
+    :raises DatasetError: as of `row_pictures`.
+    """
+    return {camera: next(row_pictures(plan, recording, camera, episodes))[1]
+            for camera, _ in plan.images}
 
 
 _MOST_AHEAD = 100  # pictures in memory

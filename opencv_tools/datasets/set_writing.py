@@ -24,7 +24,7 @@ from typing import Any
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import enumerated, MAX_PATH, printable
 from opencv_tools.datasets.depth import millimetres
-from opencv_tools.datasets.errors import DatasetError
+from opencv_tools.datasets.errors import DatasetError, UnreadableError
 from opencv_tools.datasets.folders import check_target, locked_parts, replaced_folder
 from opencv_tools.datasets.merge import check_alike, MARKS, merge_parts
 from opencv_tools.datasets.part import read_part
@@ -81,8 +81,8 @@ def write_set(parts: Sequence[Path], target: Path, log: Log) -> int:
     """
     Write a set of parts, and log its account.
 
-    :returns: number of messages that failed; -1 if the parts do not fit each other.
-
+    :returns: number of messages that failed.
+    :raises UnreadableError: a part is damaged, or the parts do not fit each other.
     :raises OSError: a file cannot be read or written.
     """
     try:
@@ -91,8 +91,7 @@ def write_set(parts: Sequence[Path], target: Path, log: Log) -> int:
         with replaced_folder(target) as folder:
             merge_parts(parts, described, folder)
     except DatasetError as err:
-        log.error(str(err))
-        return -1
+        raise UnreadableError(str(err)) from err
     for line in [*topic_lines(described), *depth_lines(described)]:
         log.info(line)
     episodes = [episode for part in described for episode in part['episodes']]
@@ -106,7 +105,8 @@ def merge_shards(folders: Sequence[Path], target: Path, *, overwrite: bool, skip
     """
     Write a set of what shards have written; return what `write_set` returns.
 
-    :raises DatasetError: a shard or a bag is missing, or the target cannot be used.
+    :raises DatasetError: a shard or a bag is missing, the target cannot be used, or as of
+        `write_set`.
     :raises OSError: a file cannot be read or written.
     """
     parts, warnings = find_parts(folders, skip_failed)

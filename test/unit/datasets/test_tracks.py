@@ -16,10 +16,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from itertools import count, takewhile
 from pathlib import Path
 import re
+from typing import Any
 
 import cv2
 from dataset_bags import (
@@ -29,6 +30,8 @@ from dataset_sets import (
     CAMERA, check_rows, convert, frames_of, info_of, JOINTS_STATE, numbers_of, rows_of, stamps_of,
     USUAL)
 import numpy as np
+from opencv_tools.capture.bag_pictures import bag_pictures
+from opencv_tools.datasets import pictures
 from opencv_tools.image.cdr import image_to_cdr, WireHeader
 from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.layout import array_to_wire
@@ -340,6 +343,24 @@ def test_damaged_pictures_at_the_begin_cost_those_pictures(
     errors = capsys.readouterr().err
     assert f'warning: bag.mcap: front: the first {bad} pictures cannot be decoded: ' in errors
     assert f'0 after the last, {bad} failed, of 60 messages' in errors
+
+
+@pytest.mark.parametrize('form', ['lerobot', 'webdataset', 'parquet'])
+@pytest.mark.parametrize('cameras', [1, 2, 4])
+def test_pictures_of_a_camera_are_read_once(
+        cameras: int, form: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[int] = []
+
+    def counted(*words: Any, **more: Any) -> Generator[Any, None, None]:
+        for picture in bag_pictures(*words, **more):
+            read.append(len(read))
+            yield picture
+
+    monkeypatch.setattr(pictures, 'bag_pictures', counted)
+    bag = Drive(seconds=0.5).write(tmp_path / 'bag.mcap')
+    words = [word for number in range(cameras) for word in ('--image', f'c{number}={TOPIC}')]
+    assert convert(bag, tmp_path / 'set', *words, *JOINTS_STATE, '--jobs', 1, form=form) == 0
+    assert len(read) == 15 * cameras
 
 
 @pytest.mark.parametrize('encoding', ['16UC1', '32FC1', 'mono16', '32FC2'])
