@@ -124,18 +124,18 @@ def file_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator
     if rest:
         shown = [printable(path.relative_to(reader.folder)) for path in sorted(rest)]
         yield f'{len(rest)} files belong to no episode: {enumerated(shown)}'
-    if not (reader.folder / FILES).is_file():
-        if (reader.folder / FILES).parent.is_dir():  # another program writes none
-            reader.notes.append(f'{FILES} is missing, so no file is compared with its checksum')
-        return
-    for name, digest in reader.read_json(FILES).items():
+    sums = reader.read_json(FILES) if (reader.folder / FILES).is_file() else {}
+    written = {path.relative_to(reader.folder).as_posix()
+               for path in used.union(reader.folder.glob('meta/**/*.*'))}
+    bare = [printable(name) for name in sorted(written - {*sums, FILES})]
+    if bare and (reader.folder / FILES).parent.is_dir():  # another program writes none
+        reader.notes.append(f'{FILES} has no checksum of {enumerated(bare)}')
+    for name, digest in sums.items():
         path = reader.folder / name
         try:
-            if not path.resolve().is_relative_to(reader.folder.resolve()):
-                continue
-            if file_sha256(path) == digest:
-                continue
-            yield f'{printable(name)} is not as it was written: its sha256 is another one'
+            if (path.resolve().is_relative_to(reader.folder.resolve())
+                    and file_sha256(path) != digest):
+                yield f'{printable(name)} is not as it was written: its sha256 is another one'
         except (OSError, RuntimeError, ValueError) as err:
             yield f'{printable(name)} cannot be read: {reason_of(err)}'
 

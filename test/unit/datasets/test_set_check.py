@@ -442,7 +442,20 @@ def test_video_with_another_checksum_is_an_error(copied: Path, capsys: Errors) -
 def test_missing_checksums_are_said(copied: Path, capsys: Errors) -> None:
     (copied / 'meta/opencv_tools/files.json').unlink()
     assert main(['--check', str(copied)]) == 0
-    assert 'files.json is missing, so no file is compared' in capsys.readouterr().err
+    assert 'files.json has no checksum of data/chunk-000/file-000.parquet, meta/' in (
+        capsys.readouterr().err)
+
+
+@pytest.mark.parametrize('name', [
+    'meta/stats.json', 'data/chunk-000/file-000.parquet', 'meta/opencv_tools/bags.json', ''])
+def test_file_without_checksum_is_said(name: str, copied: Path, capsys: Errors) -> None:
+    path = copied / 'meta/opencv_tools/files.json'
+    sums = json.loads(path.read_text())
+    for one in [name] if name else [*sums]:
+        del sums[one]
+    path.write_text(json.dumps(sums))
+    assert main(['--check', str(copied)]) == 0
+    assert f'files.json has no checksum of {name}' in capsys.readouterr().err
 
 
 def test_large_row_group_is_refused(
