@@ -23,7 +23,7 @@ from typing import Protocol
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, LiveSource, Source
-from opencv_tools.capture.player import Clock, Pacer, Player, SYSTEM_CLOCK
+from opencv_tools.capture.player import Clock, Pacer, Player, published_rate, SYSTEM_CLOCK
 from opencv_tools.capture.settings import CaptureSettings
 
 # Longest wait for a frame before pause, stop and reopen requests are checked again.
@@ -277,4 +277,4 @@ class Grabber:
 
 def _period(rate: float, source: LiveSource) -> float:
     """Return the seconds between published frames at a rate; 0.0 to publish every frame."""
-    return 1.0 / (min(rate, source.rate) if source.rate else rate) if rate else 0.0
+    return 1.0 / published_rate(rate, source) if rate else 0.0

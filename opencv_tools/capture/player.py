@@ -22,7 +22,7 @@ from threading import Event, TIMEOUT_MAX
 import time
 
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
-from opencv_tools.capture.frame import CapturedFrame, FileSource
+from opencv_tools.capture.frame import CapturedFrame, FileSource, Source
 from opencv_tools.capture.settings import CaptureSettings
 
 IMAGE_RATE = 10.0  # frames per second of image files, which have no native rate
@@ -176,7 +176,7 @@ class Player:
             interval = frame.position - last.position
             if interval > 0:  # negative from the last frame back to the first
                 return interval
-        return 1.0 / (rate or self._source.rate or IMAGE_RATE)
+        return 1.0 / published_rate(rate, self._source)
 
     def _sequence(self) -> Iterator[CapturedFrame]:
         """Yield the frames in playback order, with repetitions."""
@@ -223,3 +223,14 @@ class Player:
     def _too_short(self, count: int, first: int) -> CaptureError:
         return CaptureError(f'start_frame is {first}, but {self._source.name} has only {count} '
                             'frames, numbered from 0')
+
+
+def published_rate(rate: float, source: Source) -> float:
+    """
+    Return the expected number of published frames per second; 0.0 if it is unknown.
+
+    :param rate: number that is asked for; 0.0 to publish each frame at its time.
+    """
+    if source.live:
+        return min(rate, source.rate) if rate and source.rate else rate or source.rate
+    return rate or source.rate or IMAGE_RATE

@@ -95,6 +95,7 @@ class VideoTopics:
                 if publisher.get_subscription_count()}
         if not used:
             self.stream.end()
+            self.stream.measure()  # for a later subscriber
             return []
         found = picture()
         try:

@@ -31,7 +31,7 @@ from opencv_tools.video.settings import depends_on_rate, VideoSettings
 # A receiver may miss the first key frame, because it is not ready yet. It gets another one.
 _KEY_FRAMES = 2
 _KEY_SECONDS = 1.0  # between two requested key frames
-_ASSUMED_RATE = 30.0  # frames per second until they are measured
+_ASSUMED_RATE = 30.0  # frames per second until they are measured, if nobody expects another
 # A first measurement, later ones, the frames that each needs and keeps, and their tolerance.
 _FIRST_SECONDS, _SECONDS, _MIN_FRAMES, _FRAMES, _TOLERANCE = 0.1, 2.0, 4, 16, 0.07
 _PAUSE = 4.0  # periods without a frame that are no part of the rate
@@ -54,6 +54,8 @@ class VideoStream:
         self.settings = settings
         #: Number of requests of key frames until now; another thread may increase it.
         self.requests = 0
+        #: Expected frames per second until another rate is measured; 0 if they are unknown.
+        self.expected_rate = 0.0
         self._seen = self._key_frames = 0  # requests, and key frames that they still get
         self._keyed_at = 0.0
         self._passes = False  # whether the last packet came from a camera
@@ -73,15 +75,15 @@ class VideoStream:
         :raises ImageError: the encoding has no video, or FFmpeg fails. The next frame is encoded
             by a new encoder.
         """
-        now = self._clock()
-        self._measure(now)
+        now = self.measure()
         needed = (self.settings, image.shape[1], find_encoding(encoding).height(image.shape[0]),
-                  self._rate or _ASSUMED_RATE)
+                  self._rate or self.expected_rate or _ASSUMED_RATE)
         is_same = self._opened[:3] == needed[:3] and (
             self._opened == needed or not depends_on_rate(self.settings))
         if self._encoder is None or not is_same:
             self._encoder = VideoEncoder(*needed)
             self._opened = needed
+            self._times.clear()  # this frame took longer
         if self._seen != self.requests:
             self._seen, self._key_frames = self.requests, _KEY_FRAMES
         is_key = self._key_frames > 0 and now >= self._keyed_at + _KEY_SECONDS
@@ -95,23 +97,29 @@ class VideoStream:
             self._key_frames = max(0, self._key_frames - 1)
         return packet
 
-    def _measure(self, now: float) -> None:
-        """Measure the rate by the time of a frame, and keep it until another one is certain."""
-        times = self._times
+    def measure(self) -> float:
+        """
+        Measure the rate by the time of a frame, and keep it until another one is certain.
+
+        ``encode`` calls it; frames that are not encoded can be measured, too.
+
+        :returns: the time of the frame.
+        """
+        now, times, known = self._clock(), self._times, self._rate or self.expected_rate
         if len(times) > 1 and now - times[-1] > _PAUSE * (times[-1] - times[0]) / (len(times) - 1):
             times.clear()
         times.append(now)
         while len(times) > _FRAMES and now - times[0] > _SECONDS:
             times.popleft()
         seconds, count = now - times[0], len(times) - 1
-        enough = (_SECONDS / 2, _FRAMES / 2) if self._rate else (_FIRST_SECONDS, _MIN_FRAMES - 1)
-        if seconds < enough[0] or count < enough[1]:
-            return
-        rate = count / seconds
-        if abs(rate - self._rate) > _TOLERANCE * self._rate:
-            self._rate = rate
-            times.clear()
-            times.append(now)
+        enough = (_SECONDS / 2, _FRAMES / 2) if known else (_FIRST_SECONDS, _MIN_FRAMES - 1)
+        if seconds >= enough[0] and count >= enough[1]:
+            rate = count / seconds
+            if abs(rate - known) > _TOLERANCE * known:
+                self._rate = rate
+                times.clear()
+                times.append(now)
+        return now
 
     def packet(self, picture: Picture, stamp_ns: int) -> VideoPacket:
         """

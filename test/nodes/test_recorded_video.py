@@ -25,10 +25,13 @@ from bag_readers import decode, read_by_all
 from conftest import CLIP, CLIP_FRAMES, NodeProcess, read_manifest
 import cv2
 import mcap.reader
+import numpy as np
 from numbered_video import (
     flat_packets, MS, number_of, numbers, read_packets, units, video_message, VideoSender)
 from opencv_tools.recording.video.writer import count_frames
+from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
+from opencv_tools.video.settings import VideoSettings
 import pytest
 from rclpy.node import Node
 from rosbags.rosbag2.metadata import parse_qos
@@ -157,3 +160,36 @@ def test_recorded_bag_of_video_is_played(
         number * MS for number in range(5, COUNT)]
     assert [number_of(cv2.imread(str(tmp_path / 'pictures' / line['file'])))
             for line in lines] == [*range(5, COUNT)]
+
+
+@pytest.mark.parametrize('rate', [5, 20, 120, 43])
+def test_promised_bit_rate_is_recorded_into_one_file(
+        start: Start, tmp_path: Path, rate: int) -> None:
+    recorder = start('img_subscriber', transport='video', output_dir=tmp_path / 'out',
+                     file_name='a_{seq}.mkv', max_frames=max(40, 3 * rate))
+    publisher = start('img_publisher', source=f'pattern:160x120@{rate}',
+                      publish_rate=0.0, video_bit_rate=200_000, wait_for_subscribers=1)
+    assert recorder.finish() == 0, recorder.output
+    publisher.interrupt()
+    publisher.finish()
+    line, = read_manifest(tmp_path / 'out')
+    assert line['frames'] == max(40, 3 * rate)
+    assert 'another video' not in recorder.output
+
+
+def test_another_encoder_is_the_reason_of_another_video(
+        start: Start, node: Node, tmp_path: Path) -> None:
+    sender = VideoSender(node, '/video_frames', FFMPEG_PACKET)
+    recorder = start('img_subscriber', transport='video', output_dir=tmp_path / 'out',
+                     file_name='a.mkv', max_frames=2 * COUNT)
+    packets = []
+    for rate in (30.0, 20.0):
+        encoder = VideoEncoder(VideoSettings(bit_rate=200_000), 48, 32, rate)
+        packets += [encoder.encode(np.full((32, 48), number, np.uint8), 'mono8', number * MS)
+                    for number in range(COUNT)]
+    sender.send(*(video_message(FFMPEG_PACKET, packet, number, 40 * MS)
+                  for number, packet in enumerate(packets)))
+    assert recorder.finish() == 0, recorder.output
+    assert [line['frames'] for line in read_manifest(tmp_path / 'out')] == [COUNT, COUNT]
+    assert recorder.output.count('another video, a_1.mkv, begins: the publisher of the video has '
+                                 'opened its encoder anew') == 1, recorder.output

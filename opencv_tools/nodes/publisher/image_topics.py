@@ -169,11 +169,15 @@ class ImageTopics:
         """Whether a subscriber waits for a key frame of a camera that encodes its video."""
         return any(topics.needs_key_frame for topics in self.outputs)
 
-    def use_video(self, settings: VideoSettings) -> None:
-        """Encode video with other settings from the next frame on."""
+    def use_video(self, settings: VideoSettings, rate: float) -> None:
+        """
+        Encode video with these settings from the next frame on. A repeated call has no effect.
+
+        :param rate: expected frames per second until they are measured; 0.0 if they are unknown.
+        """
         self._video = settings
         for topics in self.outputs:
-            topics.use_video(settings)
+            topics.use_video(settings, rate)
 
     def close(self) -> None:
         """Stop sharing frames."""

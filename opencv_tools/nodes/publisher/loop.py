@@ -29,6 +29,7 @@ from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
 from opencv_tools.capture.output_image import (
     check_conversion, describe_reduction, OutputImage)
+from opencv_tools.capture.player import published_rate
 from opencv_tools.capture.source import describe_opening, open_source
 from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
@@ -231,7 +232,6 @@ class PublishLoop:
         """
         self.settings = with_values(self.settings, changes)
         self._grabber.use(self.settings.capture)
-        self._topics.use_video(self.settings.video)
         if 'encoding' in changes:  # not every format of a camera converts to it
             self._grabber.reopen()
         elif _CAMERA_PARAMETERS & changes.keys():
@@ -262,7 +262,10 @@ class PublishLoop:
             self._count_unsent()
             return
         self._captured = '' if self._is_live else frame.encoding
-        output = OutputImage(frame, self.settings.capture)
+        source, capture = self._grabber.source, self.settings.capture
+        self._topics.use_video(
+            self.settings.video, published_rate(capture.publish_rate, source) if source else 0.0)
+        output = OutputImage(frame, capture)
         stamp, frame_id = self._headers.header(frame, self.settings)
         try:
             is_published = self._topics.publish(

@@ -148,10 +148,15 @@ class OutputTopics:
             raise failure
         return is_published
 
-    def use_video(self, settings: VideoSettings) -> None:
-        """Encode video with other settings from the next frame on."""
+    def use_video(self, settings: VideoSettings, rate: float) -> None:
+        """
+        Encode video with these settings from the next frame on. A repeated call has no effect.
+
+        :param rate: expected frames per second until they are measured; 0.0 if they are unknown.
+        """
         if self.frames.video:
-            self.frames.video.stream.settings = settings
+            stream = self.frames.video.stream
+            stream.settings, stream.expected_rate = settings, rate
 
     def destroy(self) -> None:
         """Remove the publishers."""

@@ -71,6 +71,11 @@ class PreparedPacket(Prepared):
         """Width and height in pixels."""
         return self.packet.width, self.packet.height
 
+    @property
+    def codec(self) -> str:
+        """Name of the codec."""
+        return self.packet.codec
+
 
 def prepare_packet(packet: VideoPacket) -> PreparedPacket:
     """
@@ -143,7 +148,7 @@ class CopiedStream(WrittenVideo[PreparedPacket]):
 
 # Shortest time of a file of packets whose publisher changes the size again.
 _SHORTEST_NS = NANO
-# Changes of the size after which a warning is logged, and files may no longer be short.
+# Changes after which files may no longer be short, and which are logged.
 _MANY_CHANGES = 3
 _SMALL_STEP_NS = NANO // 1000
 
@@ -157,8 +162,8 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
 
     def __init__(self, settings: EncoderSettings) -> None:
         self._settings = settings
-        self._size = (0, 0)
-        self._changes = 0  # of the size
+        self._last_format: tuple[tuple[int, int], str, object] | None = None  # of the last file
+        self._changes = 0  # of the format
         self._files = 0
         self._has_warned_of_stamps = False
         self._jumps = 0  # steps of the stamps that began another video
@@ -185,18 +190,18 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
     def create(self, path: Path, frame: ReceivedFrame, prepared: _Prepared, room: Room,
                ) -> VideoFile[Any]:
         """Create a video with the size and format of a frame; see `FileFormat`."""
-        self._count_changes(prepared.size)
+        video: VideoFile[Any] = (
+            VideoFile(path, CopiedStream(prepared), frame.time_ns, room)
+            if isinstance(prepared, PreparedPacket) else
+            VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room))
+        self._count_changes(path.name, prepared)  # not before: another name may be tried
         self._files += 1
-        if isinstance(prepared, PreparedPacket):
-            return VideoFile(path, CopiedStream(prepared), frame.time_ns, room)
-        return VideoWriter(path, prepared, frame.time_ns, self._settings.crf, room)
+        return video
 
     def entry(self, seq: int, name: str, frame: ReceivedFrame, prepared: _Prepared,
               ) -> ManifestEntry:
         """Return the manifest entry of a video; see `FileFormat`."""
-        codec = (prepared.packet.codec if isinstance(prepared, PreparedPacket) else
-                 prepared.codec)
-        return file_entry(seq, name, frame, codec, prepared.size)
+        return file_entry(seq, name, frame, prepared.codec, prepared.size)
 
     def write(self, file: OpenFile[VideoFile[Any]], frame: ReceivedFrame, prepared: _Prepared,
               ) -> bool:
@@ -278,17 +283,27 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
         publisher, number = self._last or (None, 0)
         return frame.publisher == publisher and frame.number in (0, number + 1)
 
-    def _count_changes(self, size: tuple[int, int]) -> None:
-        """Warn once of frames that change their size again and again."""
-        (width, height), self._size = self._size, size
-        if size == (width, height) or not width:
+    def _count_changes(self, name: str, prepared: _Prepared) -> None:
+        """Warn of frames whose change begins another video, a few times."""
+        size, found = prepared.size, (prepared.size, prepared.codec, prepared.stream_format)
+        last, self._last_format = self._last_format, found
+        if last in (None, found):
             return
         self._changes += 1
-        if self._changes == _MANY_CHANGES:
+        (width, height), codec, _ = last
+        what = (f'the size of the frames changed from {width}x{height} to {size[0]}x{size[1]}'
+                if size != last[0] else
+                f'their codec changed from {codec} to {prepared.codec}'
+                if codec != prepared.codec else
+                'the publisher of the video has opened its encoder anew, as after a change of its '
+                'settings or of the rate of the frames'
+                if isinstance(prepared, PreparedPacket) else 'the encoding of the frames changed')
+        if self._changes < _MANY_CHANGES:
+            self.warning = f'another video, {name}, begins: {what}'
+        elif self._changes == _MANY_CHANGES:
             self.warning = (
-                f'the size of the frames changed {self._changes} times, now from {width}x{height} '
-                f'to {size[0]}x{size[1]}, and each change begins another video; record images, '
-                'or one publisher with one size')
+                f'{what}, which is change {self._changes}, and each of them begins another video; '
+                'record images, or one publisher with one size and constant settings')
 
 
 def _image_type(frame: RawFrame) -> str:

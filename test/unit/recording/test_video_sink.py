@@ -442,9 +442,12 @@ def test_warning_of_sizes_that_change_again_and_again(tmp_path: Path) -> None:
     for number in range(6):
         recorder.put(noise(number, (SMALL, WIDE)[number % 2]))
     recorder.close()
+    changed = 'the size of the frames changed from'
     assert console.lines == [
-        'warning: the size of the frames changed 3 times, now from 16x16 to 32x16, and each '
-        'change begins another video; record images, or one publisher with one size']
+        f'warning: another video, clip_1.mkv, begins: {changed} 16x16 to 32x16',
+        f'warning: another video, clip_2.mkv, begins: {changed} 32x16 to 16x16',
+        f'warning: {changed} 16x16 to 32x16, which is change 3, and each of them begins another '
+        'video; record images, or one publisher with one size and constant settings']
 
 
 def test_frame_that_fails_to_encode_uses_no_number(tmp_path: Path) -> None:

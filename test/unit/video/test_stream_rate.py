@@ -71,3 +71,39 @@ def test_quality_does_not_depend_on_the_frame_rate() -> None:
     first = stream._encoder
     bits(stream, [0.5 + number / 100 for number in range(300)], clock)
     assert stream._encoder is first
+
+
+@pytest.mark.parametrize('rate', [5, 20, 120, 43])
+def test_expected_rate_keeps_one_encoder(rate: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    stream.expected_rate = rate
+    bits(stream, [0.0], clock)
+    first = stream._encoder
+    random = np.random.default_rng(rate)
+    late = 0.4  # the first frame waits for the encoder
+    bits(stream, [late + (number + 0.3 * random.random()) / rate for number in range(4 * rate)],
+         clock)
+    assert stream._encoder is first
+
+
+@pytest.mark.parametrize('rate', [5, 20, 120, 43])
+def test_rate_of_frames_that_were_not_encoded(rate: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    for number in range(3 * rate):
+        clock[0] = number / rate
+        stream.measure()
+    bits(stream, [3.0], clock)
+    first = stream._encoder
+    bits(stream, [3 + number / rate for number in range(1, 4 * rate)], clock)
+    assert stream._encoder is first
+
+
+def test_wrong_expected_rate_is_corrected_after_a_second() -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    stream.expected_rate = 30.0
+    sizes = bits(stream, [number / 7 for number in range(140)], clock)
+    assert sum(size for seconds, size in sizes if 2 <= seconds < 20) / 18 == pytest.approx(
+        BITS, rel=0.15)
