@@ -34,10 +34,10 @@ from opencv_tools.recording.bag_sink import MessageFrame, RecordedMessage
 from opencv_tools.recording.frames import (
     ArrivalClock, CompressedFrame, packet_frame, RawFrame, ReceivedFrame)
 from opencv_tools.recording.naming import FrameMetadata
-from opencv_tools.topics.events import destroyable
+from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.qos import following_qos
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.transport.zero_copy import take_serialized
+from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.video.messages import VIDEO_TOPICS, WireVideo
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -48,6 +48,8 @@ from sensor_msgs.msg import CameraInfo
 _DEPTH = 100
 # Period of the check of the publishers of camera_info.
 _CHECK_SECONDS = 1.0
+# Period in which camera_info is taken while no frame arrives.
+_TAKE_SECONDS = 0.25
 # Maximum size of a camera_info in bytes, because many may wait for the next frame.
 _MAX_BYTES = 1 << 16
 _WARNING_SECONDS = 60.0
@@ -119,7 +121,11 @@ def _declared_size(message: WireCompressedImage) -> tuple[int, int]:
 
 
 class InfoMessages:
-    """Receive the serialized messages of a topic of camera_info, as its publishers offer them."""
+    """
+    Take the serialized messages of a topic of camera_info, as its publishers offer them.
+
+    They do not wake the executor, which would cost as much as the frames do.
+    """
 
     def __init__(
         self, node: Node, topic: str, on_message: Callable[[str, Any, int, int, int], object],
@@ -134,6 +140,16 @@ class InfoMessages:
         self._node, self._topic, self._on_message = node, topic, on_message
         self._subscribe(offers_of(node, topic, CAMERA_INFO))
 
+    def take(self) -> None:
+        """Pass on the messages that have arrived."""
+        for _ in range(_DEPTH):
+            taken = self._reader.take_serialized()
+            if taken is None:
+                break
+            serialized, info = taken
+            self._on_message(self._topic, serialized, info.received_timestamp,
+                             info.source_timestamp, info.number)
+
     def follow(self) -> None:
         """Subscribe again if the publishers offer something else."""
         offers = offers_of(self._node, self._topic, CAMERA_INFO)
@@ -143,24 +159,12 @@ class InfoMessages:
 
     def close(self) -> None:
         """Pass on the messages that have arrived, and unsubscribe."""
-        for _ in range(_DEPTH):
-            taken = take_serialized(self._subscription.handle)
-            if taken is None:
-                break
-            serialized, info = taken
-            self._on_message(self._topic, serialized, info.received_timestamp,
-                             info.source_timestamp, info.number)
-        self._node.destroy_subscription(self._subscription)
+        self.take()
+        self._reader.destroy()
 
     def _subscribe(self, offers: list[TopicEndpointInfo]) -> None:
         self._qos = _qos(offers)
-        receive: Any = self._receive  # the types of rclpy lack the second argument
-        self._subscription = destroyable(self._node.create_subscription(
-            CameraInfo, self._topic, receive, self._qos, raw=True))
-
-    def _receive(self, serialized: bytes, info: dict[str, int]) -> None:
-        self._on_message(
-            self._topic, serialized, info['received_timestamp'], info['source_timestamp'], 0)
+        self._reader = MessageReader(self._node, CameraInfo, self._topic, self._qos)
 
 
 class BagMessages:
@@ -190,6 +194,7 @@ class BagMessages:
         self._held: list[RecordedMessage] | None = []
         self._infos = [InfoMessages(node, info_topic, self._pass_on)
                        for info_topic in camera_info_topics(topic)]
+        self._timer = create_steady_timer(node, _TAKE_SECONDS, self._take)
 
     def frame(self, received: ReceivedMessage, topic: str) -> MessageFrame:
         """
@@ -198,6 +203,7 @@ class BagMessages:
         :param received: raw or compressed image message, or message with video.
         :param topic: topic of the message, after remapping.
         """
+        self._take()
         type_name = type_of(received)
         if type_name == IMAGE:
             topic = self._topic_of_images(topic)
@@ -212,9 +218,15 @@ class BagMessages:
 
     def close(self) -> None:
         """Pass on the messages of camera_info that have arrived, and unsubscribe."""
+        self._node.destroy_timer(self._timer)
         for info in self._infos:
             info.close()
         self._release()
+
+    def _take(self) -> None:
+        """Take the messages of camera_info that have arrived."""
+        for info in self._infos:
+            info.take()
 
     def _release(self) -> None:
         """Pass on the first messages, and hold none from now on."""

@@ -47,7 +47,9 @@ class WriteQueue(Generic[T]):
         self._waiting: deque[T] = deque()
         self._removed = 0
         self._closed = False
-        self._changed = Condition()
+        lock = Lock()
+        # One thread is woken for each item; waking all of them costs more than a packet of video.
+        self._filled, self._freed = Condition(lock), Condition(lock)
 
     @property
     def has_room(self) -> bool:
@@ -61,14 +63,14 @@ class WriteQueue(Generic[T]):
         :returns: the item that was dropped, or None.
         """
         dropped = None
-        with self._changed:
+        with self._freed:
             if not self.has_room:
                 if self._block:
-                    self._changed.wait_for(lambda: self.has_room)
+                    self._freed.wait_for(lambda: self.has_room)
                 else:
                     dropped = self._waiting.popleft()
             self._waiting.append(item)
-            self._changed.notify_all()
+            self._filled.notify()
         return dropped
 
     def get(self) -> tuple[int, T] | None:
@@ -78,28 +80,28 @@ class WriteQueue(Generic[T]):
         :returns: sequence number among all removed items, from 0, and the item; None if the queue
             is closed and empty.
         """
-        with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._closed)
+        with self._filled:
+            self._filled.wait_for(lambda: self._waiting or self._closed)
             if not self._waiting:
                 return None
             sequence = self._removed
             self._removed += 1
             item = self._waiting.popleft()
-            self._changed.notify_all()
+            self._freed.notify()
             return sequence, item
 
     def close(self) -> None:
         """Close the queue; ``get`` returns the remaining items, then None."""
-        with self._changed:
+        with self._filled:
             self._closed = True
-            self._changed.notify_all()
+            self._filled.notify_all()
 
     def clear(self) -> list[T]:
         """Remove and return the waiting items."""
-        with self._changed:
+        with self._freed:
             items = [*self._waiting]
             self._waiting.clear()
-            self._changed.notify_all()
+            self._freed.notify_all()
             return items
 
 

@@ -25,9 +25,9 @@ from bag_readers import decode, read_by_all
 from conftest import CLIP, CLIP_FRAMES, NodeProcess, read_manifest
 import cv2
 import mcap.reader
-import numpy as np
 from numbered_video import (
     flat_packets, MS, number_of, numbers, read_packets, units, video_message, VideoSender)
+import numpy as np
 from opencv_tools.recording.video.writer import count_frames
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, VIDEO_TOPICS
