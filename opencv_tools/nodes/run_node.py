@@ -26,7 +26,7 @@ import signal
 import socket
 import sys
 from tempfile import mkdtemp
-from threading import Thread
+from threading import get_ident, Thread
 import time
 from types import FrameType
 from typing import Any
@@ -42,6 +42,7 @@ from opencv_tools.transport import zero_copy
 from opencv_tools.transport.fastdds.profile import configured_fastdds, FastDdsSetup
 from opencv_tools.transport.scheduling import explain_refusal
 import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -337,8 +338,23 @@ class ClockWatch:
                     'clock:=true, or unset use_sim_time; frames have no stamp until then')))
 
 
+class _Executor(SingleThreadedExecutor):
+    """
+    An executor that spins in the thread of its constructor, and is not woken by this thread.
+
+    rclpy wakes itself after each callback, which builds the wait set twice instead of once. It is
+    built after a callback in any case.
+    """
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context=context)
+        guard: Any = self._guard
+        thread, trigger = get_ident(), guard.trigger
+        guard.trigger = lambda: None if get_ident() == thread else trigger()
+
+
 def _run(node: ClosableNode, signals: NodeSignals) -> int:
-    executor = SingleThreadedExecutor()
+    executor = _Executor(node.context)
     executor.add_node(node)
     ClockWatch(node)
 
