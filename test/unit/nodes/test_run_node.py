@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from threading import Thread
+from threading import Thread, Timer
 
 from opencv_tools.nodes.run_node import _Executor
 from opencv_tools.topics.message_reader import WakeUps
@@ -41,7 +41,7 @@ def test_wait_set_is_built_once_for_each_callback(node: Node) -> None:
     executor.spin_once(timeout_sec=0.0)
     before = built[0]
     for _ in range(10):
-        wake_ups.wake()
+        Timer(0.02, wake_ups.wake).start()
         executor.spin_once()
     assert (len(calls), built[0] - before) == (10, 10)
     wake_ups.destroy()
