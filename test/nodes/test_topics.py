@@ -256,6 +256,22 @@ def test_forms_of_the_images_are_not_recorded_beside_them(
         '/video_frames', '/camera_info'}
 
 
+@pytest.mark.parametrize('topics', ['/*', '[/video_frames, /joints]'])
+def test_topic_that_the_recorder_remaps_is_not_recorded(
+        start: Start, tmp_path: Path, topics: str) -> None:
+    publisher = start('img_publisher', source='pattern:64x48')
+    publisher.wait_for('opened')
+    recorder = start('img_subscriber', '--ros-args', '-r', 'video_frames:=/nothing',
+                     output_dir=tmp_path, file_name=BAG, topics=topics)
+    recorder.wait_for('/video_frames is not recorded: ')
+    recorder.interrupt()
+    recorder.finish()
+    publisher.interrupt()
+    assert publisher.finish() == 0, publisher.output
+    assert recorder.output.count('/video_frames is not recorded: a remapping of this node replaces '
+                                 'its name by /nothing') == 1, recorder.output
+
+
 def test_publishers_that_change(start: Start, node: Node, tmp_path: Path) -> None:
     """A publisher that offers less is recorded too, and each is counted."""
     first = node.create_publisher(JointState, '/joints', 100)

@@ -326,6 +326,11 @@ class TopicRecorder:
                 continue
             identifiers = frozenset[bytes]()
             try:
+                used = self._node.resolve_topic_name(name)
+                if used != name:
+                    raise ParameterError(
+                        f'a remapping of this node replaces its name by {used}; leave the '
+                        'remapping out, or record the topic with another node')
                 publishers = self._node.get_publishers_info_by_topic(name)
                 identifiers = _identifiers(publishers)
                 if name in self._topics:
