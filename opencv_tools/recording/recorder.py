@@ -47,9 +47,9 @@ class WriteQueue(Generic[T]):
         self._waiting: deque[T] = deque()
         self._removed = 0
         self._closed = False
-        lock = Lock()
+        self._lock = Lock()
         # One thread is woken for each item; waking all of them costs more than a packet of video.
-        self._filled, self._freed = Condition(lock), Condition(lock)
+        self._filled, self._freed = Condition(self._lock), Condition(self._lock)
 
     @property
     def has_room(self) -> bool:

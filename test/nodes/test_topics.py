@@ -268,8 +268,9 @@ def test_topic_that_the_recorder_remaps_is_not_recorded(
     recorder.finish()
     publisher.interrupt()
     assert publisher.finish() == 0, publisher.output
-    assert recorder.output.count('/video_frames is not recorded: a remapping of this node replaces '
-                                 'its name by /nothing') == 1, recorder.output
+    assert recorder.output.count(
+        '/video_frames is not recorded: a remapping of this node replaces its name by /nothing'
+    ) == 1, recorder.output
 
 
 def test_publishers_that_change(start: Start, node: Node, tmp_path: Path) -> None:
