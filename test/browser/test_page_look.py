@@ -367,7 +367,7 @@ def test_video_that_is_paused_is_looked_into(
     page.press(',')
     page.wait_for(f'tileOf({TOPIC!r}).querySelector("output.step").textContent !== ""')
     page.press('h')
-    page.wait_for(f'{CHART}.startsWith("0 to 255")')  # which needs the images once the page is live
+    page.wait_for(f'{CHART}.startsWith("0 to 255")')  # the images come once it is live
     page.press(' ')
     page.press('h')
     page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the chart is gone

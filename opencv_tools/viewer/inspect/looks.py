@@ -362,8 +362,8 @@ async def _answer(question: _Question) -> _Message:
     """
     channel = question.channel
     if channel is not None and not isinstance(channel, Channel):
-        raise RequestError('the browser decodes this video, so the node has no pixels of it: pause '
-                           'the page, or add quality=90 to its address to get images')
+        raise RequestError('the browser decodes this video, so the node has no pixels of it: '
+                           'pause the page, or add quality=90 to its address to get images')
     if channel is None or question.read is None:
         raise RequestError(describe_gone(channel))
     return await channel.stream.in_pool(question.answer, await question.read())
