@@ -24,6 +24,7 @@ The tables follow libsdformat 12 and SDF 1.9. Newer versions accept what they ac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from itertools import islice
 import math
 from pathlib import Path
@@ -50,6 +51,7 @@ _NUMBER = re.compile(
     re.ASCII | re.IGNORECASE)
 
 
+@lru_cache(4096)
 def _read_number(text: str) -> float | None:
     """Return the number at the start of a text, as C reads it; None if there is no number."""
     found = _NUMBER.match(text)
@@ -107,7 +109,7 @@ def _read_rule(kind: str, *limits: str) -> tuple[str, float, float]:
     return kind, float(values['min']), float(values['max'])
 
 
-_NONE = _read_rule('')
+_ANY = _read_rule('')[1:]
 # The end of a path counts more than a tag, because some tags have several meanings.
 _RULES = _ends({end: _read_rule(*words or ['']) for end, words in read_lines(
     Path(__file__).with_name('values.txt')).items()})
@@ -160,13 +162,18 @@ def _is_exact(text: str, kind: str) -> bool:
 
 
 def _find_wrong_value(element: Element, text: str, is_exact: bool) -> str:
-    kind, low, high = next((rule for end, rule in _RULES.get(str(element.tag), ()) if not end or (
-        end == [str(above.tag) for above in islice(element.iterancestors(), len(end))])), _NONE)
+    for end, rule in _RULES.get(str(element.tag), ()):
+        if not end or end == [
+                str(above.tag) for above in islice(element.iterancestors(), len(end))]:
+            kind, low, high = rule
+            break
+    else:
+        return ''
     if kind == 'pose' and element.get('rotation_format') == 'quat_xyzw':
         kind = 'quaternion'
     if kind in _KINDS and not (_KINDS[kind][0](text) and (not is_exact or _is_exact(text, kind))):
         return f'{text!r} is not {_KINDS[kind][1]}'
-    value = _read_number(text) if (low, high) != _NONE[1:] else None
+    value = _read_number(text) if (low, high) != _ANY else None
     if value is not None and (value < low or value > high):
         return f'{text!r} is outside of {low:g} to {high:g}'
     return ''
@@ -200,6 +207,8 @@ def _rename_children(element: Element, report: Report) -> None:
     named = [child for child in element if isinstance(child.tag, str) and child.tag != 'plugin'
              and child.get('name') is not None]
     renamable = [child for child in named if not _has_valid_name(child)]
+    if not renamable:
+        return
     taken = Names(child.get('name', '') for child in named if _has_valid_name(child))
     for child in renamable:
         name = new = child.get('name', '')
