@@ -62,7 +62,7 @@ class KeptFrame:
     @cached_property
     def frame(self) -> NewFrame:
         """
-        The frame for a channel. Its number is negative, below all numbers of a feed.
+        Return the frame for a channel, whose number is negative, below all numbers of a feed.
 
         :raises TypeError: the message is video.
         """

@@ -339,7 +339,9 @@ def test_damage_is_named(name: str, copied: Path, capsys: Errors) -> None:
     damage, reason = DAMAGES[name]
     damage(copied)
     assert main(['--check', str(copied)]) == 1
-    *problems, last = capsys.readouterr().err.splitlines()
+    # rclpy prints errors of tasks of earlier tests, whenever their memory is freed.
+    *problems, last = (line for line in capsys.readouterr().err.splitlines()
+                       if not line.startswith('The following exception was never retrieved: '))
     assert any(re.search(reason, line) for line in problems), problems
     assert [line for line in problems if not line.startswith('img_convert: error: ')] == []
     assert re.search(r'set has \d+ errors$', last)
