@@ -29,7 +29,7 @@ import numpy as np
 from opencv_tools.capture.errors import CaptureError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.pattern import PatternSource, PatternSpec
-from opencv_tools.capture.player import Pacer, Player, SYSTEM_CLOCK
+from opencv_tools.capture.player import Pacer, Player, published_rate, SYSTEM_CLOCK
 from opencv_tools.capture.settings import CaptureSettings
 from opencv_tools.capture.source import open_source
 from playback import numbers, play
@@ -79,6 +79,18 @@ def test_native_and_requested_rate_of_a_file(
 def test_image_files_are_played_at_10_hz(numbered: Source, clock: SteppedClock) -> None:
     shown = [clock.now for _ in play(numbered, clock=clock).frames()]
     assert shown == pytest.approx([BEGAN, BEGAN + 0.1, BEGAN + 0.2, BEGAN + 0.3])
+
+
+@pytest.mark.parametrize(('is_live', 'asked', 'own', 'expected'), [
+    (False, 0.0, 20.0, 20.0), (False, 5.0, 20.0, 5.0), (False, 120.0, 20.0, 120.0),
+    (False, 0.0, 0.0, 10.0), (True, 0.0, 43.0, 43.0), (True, 5.0, 30.0, 5.0),
+    (True, 120.0, 30.0, 30.0), (True, 7.0, 0.0, 7.0), (True, 0.0, 0.0, 0.0)])
+def test_rate_that_is_published(
+        is_live: bool, asked: float, own: float, expected: float, numbered: Source,
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (('live', is_live), ('rate', own)):
+        monkeypatch.setattr(type(numbered), name, value)
+    assert published_rate(asked, numbered) == expected
 
 
 def test_pacer_does_not_catch_up_after_a_delay(clock: SteppedClock) -> None:
