@@ -35,11 +35,11 @@ from opencv_tools.robot.xml.document import (
 from opencv_tools.robot.xml.passthrough import extract_foreign, merge_unread, SDF_TAG
 from opencv_tools.robot.xml.report import Report
 
-# Elements of a link or joint whose contents Gazebo adds to all visuals or collisions of the link,
-# or to the physics of the joint.
 # Elements that an owner may have several times.
 _SEVERAL = POSED.union(MODEL_PARTS, ('audio_sink', 'battery', 'gripper', 'plugin'))
 _FLAGS = {'yes': 'true', 'no': 'false'}  # words that only ``<gazebo>`` allows
+# Elements of a link or joint whose contents Gazebo adds to all visuals or collisions of the link,
+# or to the physics of the joint.
 _MERGED = {('link', 'visual'): 'visual', ('link', 'collision'): 'collision',
            ('joint', 'physics'): 'joint'}
 # Children of ``<visual>`` and ``<collision>`` of which the last one counts, or none.

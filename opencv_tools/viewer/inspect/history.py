@@ -28,8 +28,6 @@ import time
 from opencv_tools.image.cdr import WireCompressedImage
 from opencv_tools.topics.messages import AnyMessage
 from opencv_tools.topics.queue import ReceivedMessage
-from opencv_tools.video.messages import WireVideo
-from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.viewer.streams.feed import FeedKey, is_own, NewFrame
 from opencv_tools.viewer.watched import UNUSED_SECONDS
 
@@ -134,10 +132,11 @@ class History:
                     for one in found.frames.values()]
         return [one.received for one in from_start(sorted(kept, key=lambda one: one.number))]
 
-    def add(self, key: FeedKey, received: ReceivedMessage) -> ReceivedMessage:
+    def add(self, key: FeedKey, received: ReceivedMessage, is_start: bool) -> ReceivedMessage:
         """
         Keep a frame if somebody watches its topic.
 
+        :param is_start: as for `KeptFrame`.
         :returns: the message, whose data are a copy if they were in the memory of a publisher.
         """
         topic = self._topics.get(key)
@@ -152,7 +151,7 @@ class History:
             if self._topics.get(key) is topic:  # nobody has left meanwhile
                 kept = KeptFrame(
                     number=next(self._numbers), received=received, size=size,
-                    arrived=self._clock(), is_start=_is_start(received.message))
+                    arrived=self._clock(), is_start=is_start)
                 self._make_room(topic, kept)
                 topic.frames[kept.number] = kept
                 self.size += kept.size
@@ -273,11 +272,6 @@ def _expired(topic: _Topic, new: KeptFrame) -> list[KeptFrame]:
 def from_start(frames: Sequence[KeptFrame]) -> list[KeptFrame]:
     """Return frames without the first packets of video that need an earlier key frame."""
     return [*itertools.dropwhile(lambda one: not one.is_start, frames)]
-
-
-def _is_start(message: AnyMessage) -> bool:
-    """Return whether a message is an image, or a key frame; video has been read before."""
-    return not isinstance(message, WireVideo) or is_key_frame(message.codec, bytes(message.data))
 
 
 def _owned(received: ReceivedMessage) -> ReceivedMessage:

@@ -201,8 +201,9 @@ class Feed:
         self.lost = 0
         #: Whether the publishers keep their last frame for new subscriptions.
         self.is_latched = False
-        #: Keeps a message, and returns it; in the executor.
-        self.keep: Callable[[ReceivedMessage], ReceivedMessage] = lambda received: received
+        #: Keeps a message that needs earlier ones or does not, and returns it; in the executor.
+        self.keep: Callable[[ReceivedMessage, bool], ReceivedMessage] = (
+            lambda received, _: received)
         self._clock = clock
         self._silent_at: float | None = None  # of the first look at a silent feed
         self._on_frame = on_frame
@@ -261,7 +262,7 @@ class Feed:
 
     def _add(self, received: ReceivedMessage) -> None:
         """Replace the newest frame."""
-        received = self.keep(received)
+        received = self.keep(received, True)
         self.newest = NewFrame(
             self.frames + 1, received.image, received.receive_ns, received.number)
 

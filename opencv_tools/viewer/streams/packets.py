@@ -121,7 +121,7 @@ class PacketFeed(Feed):
         if not isinstance(received.message, WireVideo):
             raise VideoError('an image is not a packet of video')
         packet, name = self._reader.read(received.message)
-        received = self.keep(received)
+        received = self.keep(received, packet.is_key)
         self.waiting.append(ViewedPacket(number=self._number, stamp_ns=received.stamp_ns,
                                          packet=packet, message=received.message, name=name))
 

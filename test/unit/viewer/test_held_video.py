@@ -23,6 +23,7 @@ from opencv_tools.image.cdr import WireHeader
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.video.decoder import VideoDecoder
 from opencv_tools.video.messages import FFMPEG_PACKET, WireVideo
+from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.inspect import held_video
@@ -53,7 +54,7 @@ def kept(messages: list[ReceivedMessage]) -> list[KeptFrame]:
         history = History(1 << 30)
         history.watch(KEY)
         for one in messages:
-            history.add(KEY, one)
+            history.add(KEY, one, is_key_frame(one.message.codec, bytes(one.message.data)))
         return history.held(history.hold(KEY))
 
     return asyncio.run(work())
@@ -111,7 +112,7 @@ def test_key_frame_is_kept_while_a_packet_needs_it(codec: str, seconds: int) -> 
         history.watch(KEY)
         for number in range(60):
             time = float(number)
-            history.add(KEY, message(codec, data[number % seconds], number))
+            history.add(KEY, message(codec, data[number % seconds], number), not number % seconds)
             numbers = [one.receive_ns for one in history.frames(KEY[0])]
             oldest = max(0, number - int(KEPT_SECONDS))
             assert numbers == [*range(oldest - oldest % seconds, number + 1)]

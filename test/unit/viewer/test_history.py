@@ -20,6 +20,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 import random
 from threading import Thread
 from typing import Any
@@ -71,12 +72,12 @@ def numbers(history: History, name: str = KEY[0]) -> list[int]:
 def test_frames_of_watched_topics_are_kept_as_they_were_received() -> None:
     async def work() -> None:
         history = History(10 * SIZE)
-        history.add(KEY, received(1))
+        history.add(KEY, received(1), True)
         assert history.frames(KEY[0]) == []
         history.watch(KEY)
         messages = [received(number) for number in (2, 3)]
-        assert [history.add(KEY, one) for one in messages] == messages
-        history.add(OTHER, received(9))
+        assert [history.add(KEY, one, True) for one in messages] == messages
+        history.add(OTHER, received(9), True)
         assert all(kept is one for kept, one in zip(
             history.frames(KEY[0]), messages, strict=True))
         assert history.frames(OTHER[0]) == []
@@ -97,7 +98,7 @@ def test_bytes_never_exceed_the_limit() -> None:
             key = choose.choice((KEY, OTHER))
             message = received(number, size=choose.choice((0, 100, SIZE, 7 * SIZE, limit, 2**20)))
             before = numbers(history, key[0])
-            history.add(key, message)
+            history.add(key, message, True)
             kept = [one for name in (KEY[0], OTHER[0]) for one in history.frames(name)]
             assert history.size == sum(message_size(one.image) for one in kept) <= limit
             is_kept = message_size(message.image) <= limit
@@ -117,10 +118,10 @@ def test_oldest_frames_of_all_topics_leave_first() -> None:
         for key in (KEY, OTHER):
             history.watch(key)
         for number, key in enumerate((KEY, KEY, OTHER, KEY, OTHER)):
-            history.add(key, received(number))
+            history.add(key, received(number), True)
         assert numbers(history) == [1, 3] and numbers(history, OTHER[0]) == [2, 4]
-        history.add(OTHER, received(5))
-        history.add(OTHER, received(6))
+        history.add(OTHER, received(5), True)
+        history.add(OTHER, received(6), True)
         assert numbers(history) == [3] and numbers(history, OTHER[0]) == [4, 5, 6]
 
     run(work)
@@ -132,20 +133,20 @@ def test_frames_of_a_pause_leave_last_within_half_of_the_limit() -> None:
         for key in (KEY, OTHER):
             history.watch(key)
         for number in range(3):
-            history.add(KEY, received(number))
+            history.add(KEY, received(number), True)
         holds = [history.hold(KEY), history.hold(KEY)]
         for number in range(3, 20):
-            history.add(OTHER, received(number))
+            history.add(OTHER, received(number), True)
         assert numbers(history) == [0, 1, 2]
         assert numbers(history, OTHER[0]) == [15, 16, 17, 18, 19]
         holds.append(history.hold(OTHER))  # both need more than half
         for number in range(20, 30):
-            history.add(OTHER, received(number))
+            history.add(OTHER, received(number), True)
         assert numbers(history) == []
         assert numbers(history, OTHER[0]) == [16, 17, 18, 19, 26, 27, 28, 29]
         for hold in holds:
             history.release(hold)
-        history.add(OTHER, received(30))
+        history.add(OTHER, received(30), True)
         assert numbers(history, OTHER[0]) == [17, 18, 19, 26, 27, 28, 29, 30]
 
     run(work)
@@ -155,7 +156,7 @@ def test_frame_larger_than_the_limit_is_not_kept() -> None:
     async def work() -> None:
         history = History(SIZE)
         history.watch(KEY)
-        history.add(KEY, received(1))
+        history.add(KEY, received(1), True)
         hold = history.hold(KEY)
         assert history.size == 0 and hold.numbers == ()
         history.unwatch(KEY)
@@ -174,18 +175,18 @@ def test_ten_seconds_before_the_newest_frame() -> None:
         history = History(2**30, lambda: now)
         history.watch(KEY)
         for number in range(30):
-            history.add(KEY, received(number))
+            history.add(KEY, received(number), True)
             now += 1
         assert numbers(history) == [*range(19, 30)]
         hold = history.hold(KEY)
         for number in range(30, 50):
-            history.add(KEY, received(number))
+            history.add(KEY, received(number), True)
             now += 1
         # The frames of the pause stay, and those of the other pages are the newest.
         assert numbers(history) == [*range(19, 30), *range(39, 50)]
         assert [kept.received.receive_ns for kept in history.held(hold)] == [*range(19, 30)]
         history.release(hold)
-        history.add(KEY, received(50))
+        history.add(KEY, received(50), True)
         assert numbers(history) == [*range(40, 51)]
 
     run(work)
@@ -197,10 +198,10 @@ def test_frames_are_forgotten_when_nobody_looks(monkeypatch: pytest.MonkeyPatch)
     async def work() -> None:
         history = History(2**30)
         history.watch(KEY)
-        history.add(KEY, received(1))
+        history.add(KEY, received(1), True)
         hold = history.hold(KEY)
         history.unwatch(KEY)
-        history.add(KEY, received(2))  # of a page that does not show the topic alone
+        history.add(KEY, received(2), True)  # of a page that does not show the topic alone
         await due()
         assert numbers(history) == [1]
         history.release(hold)
@@ -219,7 +220,7 @@ def test_no_history_with_a_limit_of_zero() -> None:
         history = History(0)
         history.watch(KEY)
         message = received(1, data=np.arange(4, dtype=np.uint8)[1:])
-        assert history.add(KEY, message) is message
+        assert history.add(KEY, message, True) is message
         assert history.explain(history.hold(KEY)) == 'history_bytes is 0'
         history.unwatch(KEY)
 
@@ -232,13 +233,13 @@ def test_shared_memory_is_not_held() -> None:
         history.watch(KEY)
         slot = np.full(1000, 7, np.uint8)
         message = received(1, data=slot[:600])
-        kept = history.add(KEY, message)
+        kept = history.add(KEY, message, True)
         assert history.frames(KEY[0])[0] is kept
         slot[:] = 8  # the publisher has it again
         assert bytes(kept.image.data) == bytes([7]) * 600
         assert not kept.image.data.flags.writeable
         copied = received(2, data=slot[:600].copy())  # by the reader of the shared memory
-        assert history.add(KEY, copied) is copied
+        assert history.add(KEY, copied, True) is copied
 
     run(work)
 
@@ -256,7 +257,7 @@ def test_threads_may_add_while_the_loop_reads() -> None:
         for key in (KEY, OTHER):
             history.watch(key)
         threads = [Thread(target=lambda key=key: [
-            history.add(key, received(number)) for number in range(2000)])
+            history.add(key, received(number), True) for number in range(2000)])
             for key in (KEY, OTHER)]
         for thread in threads:
             thread.start()
@@ -288,7 +289,7 @@ class SteppingPage:
         self.steps = Steps(self.history, self.channels, self._write)
         for key in (KEY, OTHER):
             stream = Stream(7, key, asyncio.get_running_loop(), pool, Console())
-            stream.feed.keep = lambda message, key=key: self.history.add(key, message)
+            stream.feed.keep = partial(self.history.add, key)
             self.channels[key[0]] = Channel(
                 stream, LIVE, lambda frame, _, name=key[0]: self._receive(name, frame))
             self.steps.follow(key[0])
@@ -420,7 +421,7 @@ def test_frames_that_the_limit_has_forced_out() -> None:
         reason = f'others needed the {limit} bytes of history_bytes'
         assert (await page.step(-3))['text'] == (
             f'frame 1 of 3, 0.2 s before, earlier ones are gone: {reason}')
-        page.history.add(OTHER, received(9, size=6 * SIZE))
+        page.history.add(OTHER, received(9, size=6 * SIZE), True)
         assert (await page.step(1))['error'] == f'the node has kept no frame: {reason}'
 
     run_page(work, limit=limit)
