@@ -26,7 +26,7 @@ from opencv_tools.capture.frame import MAX_RATE
 from opencv_tools.capture.urls import describe_failure
 from opencv_tools.image.errors import SizeError
 from opencv_tools.image.image_size import check_size, MAX_PIXELS
-from opencv_tools.video.settings import import_av
+from opencv_tools.video.settings import import_av, major_version
 
 # Options of FFmpeg for URLs as 'name;value|name;value', which OpenCV reads too, and its default.
 _VARIABLE = 'OPENCV_FFMPEG_CAPTURE_OPTIONS'
@@ -49,8 +49,10 @@ def open_container(location: str, timeout: float | None = None) -> Any:
         pairs = (pair.partition(';') for pair in os.environ.get(_VARIABLE, _DEFAULT).split('|'))
         options = {name: value for name, _, value in pairs if name}
     try:
+        # PyAV 19 reads metadata that is not UTF-8 without being asked.
+        metadata = {'metadata_errors': 'replace'} if major_version(av) < 19 else {}
         container = av.open(location if is_url else f'file:{location}', options=options,
-                            timeout=timeout, metadata_errors='replace')
+                            timeout=timeout, **metadata)
         context = container.streams.video[0].codec_context if container.streams.video else None
         if context:
             check_size(context.width, context.height, MAX_PIXELS)

@@ -221,9 +221,14 @@ def import_av() -> Any:
     except ImportError as err:
         raise VideoError(f'videos need PyAV, which cannot be imported ({err}); '
                          f'{installation("av")}') from err
-    if int(av.__version__.partition('.')[0]) < 14 and av.logging.get_level() != av.logging.PANIC:
+    if major_version(av) < 14 and av.logging.get_level() != av.logging.PANIC:
         _silence_ffmpeg(av)
     return av
+
+
+def major_version(av: Any) -> int:
+    """Return the first number of the version of PyAV: 12 to 19 are tried."""
+    return int(av.__version__.partition('.')[0])
 
 
 def _silence_ffmpeg(av: Any) -> None:

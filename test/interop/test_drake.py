@@ -111,6 +111,7 @@ def test_computed_inertials_are_those_of_drake(
 HEAVIER = {
     'tutorial_my_robot.urdf': 'no link has a mass; each has 1 kg in SDF, with a warning',
     'warning_inertial_missing.urdf': 'a massless link that moves has 1 kg in SDF, with a warning',
+    'warning_inertial_zero.urdf': 'the only link has mass 0, which is 1 kg in SDF, with a warning',
     'warning_world_with_a_mass.urdf': 'Drake ignores the mass of a link of URDF named world',
 }
 #: Robots that end the program of Drake, with the reason.

@@ -34,6 +34,7 @@ from opencv_tools.robot.kinematics import Kinematics
 from opencv_tools.robot.load import read_robot
 from opencv_tools.robot.lumping import without_massless
 from opencv_tools.robot.model import Axis, FrameId, Inertial, Link, MODEL, Placement, Robot
+from opencv_tools.robot.physical import without_zero_masses
 from opencv_tools.robot.pose import normalised, Pose, Tensor, Transform
 from opencv_tools.robot.renaming import with_valid_sdf_names
 from opencv_tools.robot.sdf.reader import read_sdf
@@ -143,7 +144,8 @@ def write_sdf_of(robot: Robot, name: str, folder: Path) -> Iterator[Case]:
                 robot, Report(), SdfOptions(version=version, relative=poses == 'relative'))
             path = folder / f'{name}.{version}.{poses}.sdf'
             path.write_bytes(to_bytes(root))
-            yield Case(path, without_massless(with_valid_sdf_names(robot, Report()), Report()))
+            weighed = without_zero_masses(with_valid_sdf_names(robot, Report()), Report())
+            yield Case(path, without_massless(weighed, Report()))
 
 
 @pytest.fixture(scope='session')
@@ -351,7 +353,7 @@ def test_rejected_values(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('mass', 'inertia'), [
     (1, (1, 0, 0, 1, 0, 1)), (1, (1, 0, 0, 1, 0, 2)), (1, (1, 0, 0, 1, 0, 2.1)),
-    (0, (0, 0, 0, 0, 0, 0)), (0, (0, 0, 0, 0, 0, 1)), (1, (0, 0, 0, 0, 0, 0)),
+    (1, (0, 0, 0, 0, 0, 0)), (1e-9, (0, 0, 0, 0, 0, 0)), (1e-9, (0, 0, 0, 0, 0, 1)),
     (-1, (1, 0, 0, 1, 0, 1)), (1, (-1, 0, 0, 1, 0, 1)), (1, (1, 5, 0, 1, 0, 1)),
     (1, (1, 0.9999, 0, 1, 0, 1)), (1, (1, 0.4, 0, 1, 0, 1)), (1, (1e-6, 0, 0, 1e-6, 0, 2.1e-6)),
     (1, (2, 0.5, 0.25, 2, -0.5, 3)), (1, (2, 0.5, 1.25, 2, -0.5, 3)),

@@ -116,11 +116,10 @@ class CopiedStream(WrittenVideo[PreparedPacket]):
         self._ticks = ticks
         packet = self._first.packet
         damage = f'{self.failure}: its first packet is damaged'
-        options: Any = [{'skip_frame': 'all'}]  # nothing is decoded
         begin = _DELIMITER * (packet.codec == 'av1' and not packet.data.startswith(_DELIMITER))
         try:
             opened = av.open(io.BytesIO(begin + packet.data), format=_RAW_FORMATS[packet.codec],
-                             stream_options=options)
+                             options={'skip_frame': 'all'})  # nothing is decoded
         except av.error.FFmpegError as err:
             raise VideoError(f'{damage} ({err.strerror})') from err
         with opened as raw:
