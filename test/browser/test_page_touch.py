@@ -74,8 +74,10 @@ def tap(page: Page, place: dict[str, float], count: int = 1) -> None:
 
 def press(page: Page, element: str) -> None:
     """Tap an element that JavaScript returns, where a finger finds it."""
+    # A finger finds what was drawn last: after the scrolling, in the next picture but one.
     x, y = page.evaluate(
-        f'(() => {{ const one = {element}; one.scrollIntoView({{block: "center"}}); '
+        f'(async () => {{ const one = {element}; one.scrollIntoView({{block: "center"}}); '
+        'for (let frame = 0; frame < 2; frame++) await new Promise(requestAnimationFrame); '
         'const { left, top, width, height } = one.getBoundingClientRect(); '
         'return [left + width / 2, top + height / 2]; })()')
     tap(page, {'x': x, 'y': y})
