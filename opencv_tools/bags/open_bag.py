@@ -24,7 +24,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 import os
 from pathlib import Path
 import re
@@ -42,8 +42,8 @@ from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.base.units import NANO
 
-__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'open_bag_file', 'read_file_names',
-           'recordings']
+__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'missing_numbers', 'open_bag_file',
+           'read_file_names', 'recordings']
 
 #: Extensions of bags.
 BAG_SUFFIXES = ('.mcap', '.db3')
@@ -208,11 +208,29 @@ class _Part(NamedTuple):
             return False
         if self.recording or after.recording:
             return self.recording == after.recording
-        one, two = (_NUMBERED.fullmatch(Path(_unpacked_name(path)).stem)
-                    for path in (self.path, after.path))
+        one, two = _number(self.path), _number(after.path)
         return bool(one and two and self.topics & after.topics
-                    and (one[1], int(one[2]) + 1, one[3]) == (two[1], int(two[2]), two[3])
+                    and one == (*two[:2], two[2] - 1)
                     and after.first_ns - self.last_ns <= _PAUSE_NS)
+
+
+def _number(path: Path) -> tuple[str, str, int] | None:
+    """Return the name of a file before and after its last number, and the number."""
+    found = _NUMBERED.fullmatch(Path(_unpacked_name(path)).stem)
+    return (found[1], found[3], int(found[2])) if found else None
+
+
+def missing_numbers(paths: Sequence[Path]) -> Iterator[str]:
+    """Yield a sentence for each place where the numbers of files go on without those between."""
+    for path, after in pairwise(paths):
+        one, two = _number(path), _number(after)
+        if one and two and one[:2] == two[:2] and one[2] + 1 < two[2]:
+            others = {found for found in map(_number, path.parent.iterdir())
+                      if found and found[:2] == one[:2] and one[2] < found[2] < two[2]}
+            count = two[2] - one[2] - 1 - len(others)  # files of another recording may be between
+            if count:
+                yield (f'{count} {"file is" if count == 1 else "files are"} missing between '
+                       f'{printable(path.name)} and {printable(after.name)}')
 
 
 def recordings(paths: Collection[Path]) -> list[list[Path]]:

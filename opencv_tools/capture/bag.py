@@ -101,8 +101,6 @@ class BagSource:
             f'{self.rate:.3g} Hz')
         self._messages = self._bag.messages(self._wanted)
         self._next: deque[BagMessage | Damage] = deque()
-        #: Number of images that the bag has not until its end, beyond one a damaged part.
-        self.lost = 0
         self._missing = self.count  # images and damaged parts that were not found yet
         self._skipped_damage: list[BrokenFrameError] = []
         self._last_info: Any = None
@@ -150,7 +148,7 @@ class BagSource:
         """
         Return the next image of the bag, which is not loaded; None at its end.
 
-        :raises BrokenFrameError: a part of the bag is damaged.
+        :raises BrokenFrameError: a part of the bag is damaged, or images are missing at its end.
         """
         while self._next or self._look_ahead():
             item = self._next.popleft()
@@ -162,7 +160,10 @@ class BagSource:
                 self._missing -= 1
                 return item
             self._use_camera_info(item)
-        self.lost = max(0, self._missing)
+        missing, self._missing = self._missing, 0
+        if missing > 0:
+            raise BrokenFrameError(f'{self.name}: {missing} more frames were in damaged parts',
+                                   missing)
         return None
 
     def _look_ahead(self) -> bool:

@@ -39,4 +39,12 @@ class UnavailableError(CaptureError):
 
 
 class BrokenFrameError(CaptureError):
-    """One frame, or the rest of a file, cannot be read. The source can still be used."""
+    """
+    One frame, or the rest of a file, cannot be read. The source can still be used.
+
+    ``frames`` is the number of frames that are lost.
+    """
+
+    def __init__(self, reason: str, frames: int = 1) -> None:
+        super().__init__(reason)
+        self.frames = frames

@@ -94,10 +94,12 @@ def numbered_frames(
             return
         is_selected = number >= first and not (number - first) % every
         try:
-            frame = _read_live(source) if source.live else source.read() if is_selected else None
-            if frame is None and (source.live or is_selected or not source.skip()):
+            if not (is_selected or source.live) and source.skip():
+                continue
+            frame = _read_live(source) if source.live else source.read()
+            if frame is None:
                 break
-            if frame is not None and is_selected:
+            if is_selected:
                 yield number, frame
         except BrokenFrameError as err:
             on_broken(err)
@@ -311,6 +313,10 @@ class _Conversion:
             source.keeps_jpegs = self._names.suffix in _JPEGS
         if isinstance(source, BagSource) and self._names.suffix == BAG_SUFFIX:
             check_patterns(source, request.topics.split(','))
+        elif request.topics != '*':
+            name = request.target if isinstance(source, BagSource) else request.source
+            raise ValueError('--topics chooses what a bag gets from another beside its frames, '
+                             f'but {name} is no bag: leave it out')
         if isinstance(source, BagSource):  # packets are copied from the first one on, or decoded
             source.video.decodes = (self._names.suffix not in KEEPS_PACKETS
                                     or request.every > 1 or request.start > 0)
@@ -334,8 +340,7 @@ class _Conversion:
                 sink, self._log, queue_size=threads, writers=threads, block=True)
             is_complete = self._record(recorder, sink, chain((first,), frames))
         counts = recorder.counts
-        lost = source.lost if isinstance(source, BagSource) else 0
-        failed = counts.failed + self._unreadable - (-lost // request.every)
+        failed = counts.failed + self._unreadable
         count, rate = self._progress.count, self._progress.average_rate()
         self._log.info(
             f'Converted {count} frame{"s" * (count != 1)}{f" at {rate:.1f} Hz" if rate else ""}: '
@@ -451,8 +456,9 @@ class _Conversion:
         return max(0, -(-(end - request.start) // request.every))
 
     def _skip(self, err: BrokenFrameError | ImageError) -> None:
-        """Count and log a frame that cannot be read."""
-        self._unreadable += 1
+        """Count and log frames that cannot be read."""
+        frames = err.frames if isinstance(err, BrokenFrameError) else 1
+        self._unreadable += -(-frames // self._request.every)
         self._failure_log.bad_frame(f'a frame was not read: {err}')
 
 

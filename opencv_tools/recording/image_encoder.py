@@ -172,7 +172,7 @@ def _encode_image(frame: RawFrame, settings: EncoderSettings) -> EncodedImage:
         header = npy.header_data_from_array_1_0(image)
         head = io.BytesIO()
         npy.write_array_header_1_0(head, header)
-        return EncodedImage(data=head.getbuffer(), encoding=encoding.name, width=width,
+        return EncodedImage(data=head.getvalue(), encoding=encoding.name, width=width,
                             height=height, array=image.T if header['fortran_order'] else image)
     if settings.to_color and encoding.kind in ('bayer', 'yuv'):
         target = find_encoding(_COLORS[encoding.dtype])

@@ -29,6 +29,7 @@ from conftest import (
     CLIP, CLIP_FRAMES, decode_clip, executable, NodeProcess, read_manifest, spin_until)
 import cv2
 from images import random_image
+from mcap.reader import make_reader
 import numpy as np
 from opencv_tools.bags.schemas import CAMERA_INFO
 from opencv_tools.image.encodings import ENCODINGS
@@ -118,6 +119,25 @@ def test_bag_of_rosbags_in_every_encoding(
     write_rosbag2(tmp_path / 'bag', suffix, entries)
     played = Played(start, node, Image, source='bag', stamp='original').messages(Image)
     assert played == [deserialize_message(entry.data, Image) for entry in entries]
+
+
+@pytest.mark.parametrize('chunk_size', [100, 300, 1000])
+def test_frames_of_a_damaged_chunk_are_dropped(
+        start: Start, node: Node, tmp_path: Path, chunk_size: int) -> None:
+    entries = [*map(image_entry, range(20))]
+    path = write_mcap(tmp_path / 'a.mcap', entries, chunk_size=chunk_size)
+    with path.open('rb') as file:
+        summary = make_reader(file).get_summary()
+    assert summary
+    chunk = summary.chunk_indexes[1]
+    content = bytearray(path.read_bytes())
+    content[chunk.chunk_start_offset + chunk.chunk_length // 2] ^= 255
+    path.write_bytes(content)
+    lost = sum(chunk.message_start_time <= entry.log_ns <= chunk.message_end_time
+               for entry in entries)
+    played = Played(start, node, Image, source='a.mcap')
+    assert f' Hz, {lost} dropped' in played.publisher.output
+    assert len(played.messages(Image)) == 20 - lost
 
 
 def test_stamps_of_captures_keep_the_gaps_of_the_bag(

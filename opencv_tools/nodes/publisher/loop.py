@@ -87,7 +87,7 @@ class SourceLog:
 
     def broken(self, reason: BrokenFrameError | ImageError) -> None:
         """Count and log a frame that cannot be read or published."""
-        self.dropped += 1
+        self.dropped += reason.frames if isinstance(reason, BrokenFrameError) else 1
         # A camera may send the same broken frame repeatedly.
         self._log.warning(f'frame dropped: {reason}', every=1.0)
 

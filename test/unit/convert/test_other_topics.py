@@ -187,6 +187,19 @@ def test_images_of_damaged_chunks_count_as_failed(
     assert int(found[1]) + int(found[2]) == len(images)
 
 
+@pytest.mark.parametrize(('source', 'target', 'wrong'), [
+    ('a.mcap', 'b.mp4', 'b.mp4'), ('a.mcap', '{seq}.png', '{seq}.png'),
+    ('pattern:64x48', 'b.mcap', 'pattern:64x48')])
+def test_topics_of_what_is_no_bag_are_an_error(
+        source: str, target: str, wrong: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: Errors) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_mcap(tmp_path / 'a.mcap', [one for one in entries(0.4, 3) if one.topic == FRAMES])
+    assert main([source, target, '--stop', '2', '--topics', '/joint_states']) == 2
+    assert f'beside its frames, but {wrong} is no bag' in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ['a.mcap']
+
+
 @pytest.mark.parametrize(('topics', 'wrong'), [
     ('/joint_state', '/joint_state'), ('/level_1*,/levels', '/levels'), ('x*,*', 'x*'),
     ('/joint_states,/level_?9', '/level_?9')])

@@ -191,14 +191,16 @@ def test_worker_ends_at_sigterm_and_not_at_ctrl_c() -> None:
         assert status_of(worker) == -signal.SIGTERM
 
 
-def split(folder: Path, drive: Drive, borders: list[float], pause: float = 0.0) -> None:
+def split(folder: Path, drive: Drive, borders: list[float], pause: float = 0.0,
+          recording: str = '') -> None:
     """Write a recording in numbered files, with a pause between two of them."""
+    records = [('opencv_tools', {'recording': recording})] if recording else []
     ends = [BEGAN + round(one * NANO) for one in borders]
     for number, (begin, end) in enumerate(zip([0, *ends], [*ends, 1 << 62])):
         moved = round(number * pause * NANO)
         write_mcap(folder / f'd_{number + 9}.mcap', with_definitions([
             entry._replace(log_ns=entry.log_ns + moved) for entry in drive.entries()
-            if begin <= entry.log_ns < end]))
+            if begin <= entry.log_ns < end]), metadata=records)
 
 
 @pytest.mark.parametrize('borders', [[0.5], [0.31, 0.73], [0.1, 0.15, 0.2, 1.4]])
@@ -236,6 +238,22 @@ def test_files_of_a_recording_are_known_by_its_identifier(pause: float, tmp_path
             ('d_2.mcap', ['d_2.mcap', 'd_3.mcap', 'd_5.mcap'])]
     (tmp_path / 'd_6.mcap').write_bytes((tmp_path / 'd_5.mcap').read_bytes())  # a copy
     assert len(find_jobs(str(tmp_path), tmp_path)) == 3
+
+
+@pytest.mark.parametrize(('borders', 'deleted', 'missing'), [
+    ([0.5, 1.0], ('d_10',), '1 file is missing between d_9.mcap and d_11.mcap'),
+    ([0.3, 0.6, 0.9, 1.2, 1.5], ('d_11', 'd_12', 'd_13'),
+     '3 files are missing between d_10.mcap and d_14.mcap'),
+    ([0.5, 1.0], ('d_9',), ''), ([0.5, 1.0], ('d_11',), '')])  # as a ring, and cannot be known
+def test_missing_file_of_a_recording_is_said(
+        borders: list[float], deleted: tuple[str, ...], missing: str, tmp_path: Path,
+        capsys: Errors) -> None:
+    split(tmp_path, Drive(seconds=1.7), borders, recording='a')
+    for name in deleted:
+        (tmp_path / f'{name}.mcap').unlink()
+    assert convert(tmp_path, tmp_path / 'set', *USUAL, '--max-gap', '0.2') in (0, 1)
+    printed = capsys.readouterr().err
+    assert missing in printed and (' missing between ' in printed) == bool(missing)
 
 
 def test_numbered_files_with_a_pause_are_recordings_of_their_own(tmp_path: Path) -> None:
