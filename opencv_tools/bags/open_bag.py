@@ -265,12 +265,14 @@ def open_bag_file(path: Path) -> BagReader:
     :raises BagError: the file cannot be read as a bag.
     :raises OSError: the file cannot be read.
     """
-    if _is_packed(path):
-        with TemporaryDirectory(prefix='opencv_tools-') as folder:
-            content = Path(folder) / path.stem
-            unpack_file(path, content)
-            return open_bag_file(content)
-    return Db3Reader(path) if path.suffix.lower() == '.db3' else McapReader(path)
+    suffix = Path(_unpacked_name(path)).suffix.lower()
+    reader: type[Db3Reader | McapReader] = Db3Reader if suffix == '.db3' else McapReader
+    if not _is_packed(path):
+        return reader(path)
+    with TemporaryDirectory(prefix='opencv_tools-') as folder:
+        content = Path(folder) / path.name
+        unpack_file(path, content)
+        return reader(content)
 
 
 class Bag:

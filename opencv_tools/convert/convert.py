@@ -25,6 +25,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from opencv_tools.bags.account import has_account
 from opencv_tools.bags.channels import channel_of
 from opencv_tools.bags.errors import BagError
 from opencv_tools.bags.writing import BAG_SUFFIX, BagChannel
@@ -362,7 +363,11 @@ class _Conversion:
         if isinstance(source, BagSource) and isinstance(sink, BagSink):
             channel = channel_of(source.topic)
             others = self._others = OtherTopics(source, request.topics.split(','), recorder)
-            sink.copy_metadata(source.metadata)
+            is_whole = not (request.start or request.stop) and request.every == 1 and (
+                request.topics == '*')
+            # The account of a recording is not that of a part.
+            sink.copy_metadata([one for one in source.metadata
+                                if is_whole or not has_account([one])])
         begin_ns, end_ns, received = (-1 if request.start else 0), 0, None
         try:
             for number, frame in frames:

@@ -341,11 +341,8 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
             written = prepared.result.written
             try:
                 return file.writer.write_batch(prepared)
-            except OSError:
-                self._keep_latched(prepared.messages[prepared.result.written:])
-                raise
             finally:
-                self._keep_latched(prepared.messages[written:prepared.result.written])
+                self.keep_latched(prepared.messages[written:prepared.result.written])
         self._has_video = isinstance(prepared.image, WireVideo)
         return file.writer.write(prepared)
 
@@ -360,7 +357,8 @@ class BagFormat(FileFormat[BagFile, _Prepared]):
         except ImageError:
             return True
 
-    def _keep_latched(self, messages: Iterable[RecordedMessage]) -> None:
+    def keep_latched(self, messages: Iterable[RecordedMessage]) -> None:
+        """Keep messages with which the next file begins, whether they were written or not."""
         for message in messages:
             self._latched.keep(message)
         self.warning = self._latched.warning
@@ -391,6 +389,14 @@ class BagSink(FileSink[BagFile, _Prepared]):
     ) -> None:
         self._bags = BagFormat(settings)
         super().__init__(folder, numbering, limits, self._bags, monotonic)
+
+    def commit(self, frame: ReceivedFrame, prepared: _Prepared) -> Path:
+        """Write a frame or a batch; see `FileSink`."""
+        try:
+            return super().commit(frame, prepared)
+        finally:
+            if isinstance(prepared, MessageBatch):  # a full disk takes none of them
+                self._bags.keep_latched(prepared.messages[prepared.result.written:])
 
     def close(self) -> None:
         """Finish the bag; see `FileSink`."""

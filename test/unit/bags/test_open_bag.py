@@ -185,7 +185,7 @@ def test_packed_files_of_a_split_follow_each_other(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('data', 'reason'), [
     (b'no zstd at all', 'a.mcap.zstd cannot be decompressed: '),
-    (b'', 'a.mcap is not an MCAP file'), (zstandard.compress(b'hello'), 'is not an MCAP file')])
+    (b'', 'a.mcap.zstd is not an MCAP file'), (zstandard.compress(b'hello'), 'is not an MCAP file')])
 def test_packed_file_that_is_damaged(data: bytes, reason: str, tmp_path: Path) -> None:
     (tmp_path / 'a.mcap.zstd').write_bytes(data)
     with pytest.raises(BagError, match=reason):
@@ -196,7 +196,7 @@ def test_packed_file_that_is_cut_off(tmp_path: Path) -> None:
     path = pack(write_mcap(tmp_path / 'a.mcap', [
         image_entry(one % 250) for one in range(9000)], use_chunking=False))
     path.write_bytes(path.read_bytes()[:path.stat().st_size // 2])
-    assert 'a.mcap has no end' in Bag(path).warnings[0]
+    assert 'a.mcap.zstd has no end' in Bag(path).warnings[0]
 
 
 def test_packed_file_larger_than_the_disk(

@@ -127,6 +127,11 @@ def test_metadata_records_are_copied(count: int, suffix: str, tmp_path: Path) ->
     assert main([str(tmp_path / 'join.mcap'), str(tmp_path / 'again.mcap'), '--topic',
                  FRAMES]) == 0
     assert metadata_of(tmp_path / 'again.mcap') == found
+    for number, part in enumerate((('--start', '1'), ('--stop', '2'), ('--every', '2'),
+                                   ('--topics', '/joint_states'))):
+        copy = tmp_path / f'part_{number}.mcap'
+        assert main([str(tmp_path / 'join.mcap'), str(copy), '--topic', FRAMES, *part]) == 0
+        assert metadata_of(copy) == [one for one in found if one != account]
 
 
 def test_topics_are_chosen_and_the_others_are_named(tmp_path: Path, capsys: Errors) -> None:

@@ -366,22 +366,26 @@ def test_latched_messages_of_many_publishers(publishers: int, tmp_path: Path) ->
     assert ('/map has more latched messages' in bags.counts.warning) == (publishers > 100)
 
 
-def test_latched_message_is_in_the_file_after_a_full_disk(tmp_path: Path) -> None:
+@pytest.mark.parametrize('waits', [0.0, 0.7, 3.0])  # the next file is tried after a second
+def test_latched_message_is_in_the_file_after_a_full_disk(waits: float, tmp_path: Path) -> None:
     clock = SteppedClock()
     bags = open_bags(tmp_path, 'd_{seq}.mcap', clock=clock)
     put(bags, latched(0, 1, '/robot_description'))
     with disk_of(20_000):
         assert put_all(bags, range(1, 30), os.strerror(errno.EFBIG)) > 5
-        with pytest.raises(OSError):
-            put(bags, latched(30, 1, '/tf_static'))
+        for number, topic in enumerate(('/tf_static', '/late', '/late'), 30):
+            clock.step_to(clock.now + waits)
+            with pytest.raises(OSError):
+                put(bags, latched(number, 1, topic))
     clock.step_to(clock.now + 3)
-    assert put_all(bags, range(31, 34)) == 0
+    assert put_all(bags, range(33, 35)) == 0
     put(bags, latched(35, 1, '/robot_description'))
     bags.close()
     first, second = recorded_files(tmp_path)
     assert of_topic(first, '/robot_description') == [0]
     assert of_topic(second, '/robot_description') == [0, 35]
-    assert numbers(second) == [31, 32, 33]
+    assert (of_topic(second, '/tf_static'), of_topic(second, '/late')) == ([30], [32])
+    assert numbers(second) == [33, 34]
 
 
 def counted(folder: Path, clock: SteppedClock | None = None, limits: Limits = NO_LIMITS,
