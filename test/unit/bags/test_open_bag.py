@@ -185,7 +185,8 @@ def test_packed_files_of_a_split_follow_each_other(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(('data', 'reason'), [
     (b'no zstd at all', 'a.mcap.zstd cannot be decompressed: '),
-    (b'', 'a.mcap.zstd is not an MCAP file'), (zstandard.compress(b'hello'), 'is not an MCAP file')])
+    (b'', 'a.mcap.zstd is not an MCAP file'),
+    (zstandard.compress(b'hello'), 'is not an MCAP file')])
 def test_packed_file_that_is_damaged(data: bytes, reason: str, tmp_path: Path) -> None:
     (tmp_path / 'a.mcap.zstd').write_bytes(data)
     with pytest.raises(BagError, match=reason):
