@@ -141,12 +141,20 @@ def convert_to_urdf(robot: Robot, report: Report, options: UrdfOptions = UrdfOpt
 
 
 def with_model_parts(robot: Robot) -> Robot:
-    """Return a robot with the links, joints and frames that its ``<gazebo>`` adds to the model."""
+    """
+    Return a robot with the links, joints and frames that its ``<gazebo>`` adds to the model.
+
+    Such a link without an inertial has the mass that simulators give it, beside links with mass.
+    """
     if all(robot.extension.find_sdf(tag) is None for tag in MODEL_PARTS):
         return robot
     root = convert_to_sdf(robot, Report(), SdfOptions(
         relative=True, inertial='keep', fixed='keep', mesh_uri='keep'))
-    return replace(with_original_names(read_sdf(root, Report())), source=robot.source)
+    whole = with_original_names(read_sdf(root, Report()))
+    own = {link.name for link in robot.links}
+    links = (replace(link, default_mass=0.0) if link.name in own else link for link in whole.links)
+    return with_inertials(
+        replace(whole, source=robot.source, links=tuple(links)), 'same', Report())
 
 
 def with_inertials(robot: Robot, choice: str, report: Report) -> Robot:

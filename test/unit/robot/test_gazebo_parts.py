@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from lxml import etree
 from opencv_tools.robot.compare.compare import differences
-from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf
+from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
 from opencv_tools.robot.load import read_element
 from opencv_tools.robot.model import FrameId, Robot
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
@@ -93,3 +93,22 @@ def test_parts_of_the_model_in_gazebo() -> None:
 def test_joint_of_gazebo_between_unknown_links() -> None:
     with pytest.raises(DescriptionError, match="'b2'"):
         read(urdf(f'<gazebo>{LOOP.replace("<parent>b", "<parent>b2")}</gazebo>'))
+
+
+@pytest.mark.parametrize('fixed', ['frames', 'keep', 'lump'])
+def test_link_of_gazebo_without_an_inertial_weighs_as_in_gazebo(fixed: str) -> None:
+    robot = read(urdf('<gazebo><link name="c"/><joint name="k" type="fixed"><parent>b</parent>'
+                      '<child>c</child></joint></gazebo>'))
+    sdf = convert_to_sdf(robot, Report(), SdfOptions(fixed=fixed))
+    for other in (robot, read(to_bytes(sdf).decode())):
+        assert sum(link.inertial.mass for link in other.links if link.inertial) == 5
+
+
+def test_massless_link_beside_a_link_of_gazebo_stays_massless() -> None:
+    text = ('<robot name="r"><link name="a"/><gazebo><link name="c"><inertial><mass>5</mass>'
+            '</inertial></link><joint name="k" type="revolute"><parent>a</parent><child>c</child>'
+            '<axis><xyz>0 0 1</xyz></axis></joint></gazebo></robot>')
+    sdf = convert_to_sdf(read(text), Report())
+    assert ('inertial', 'a', 'presence') in {
+        (found.element, found.name, found.property) for found in differences(
+            read(text), read(to_bytes(sdf).decode()))}
