@@ -44,8 +44,9 @@ def apply_version(root: Element, report: Report) -> str:
     """
     text = root.get('version', OLDEST)
     match = _VERSION.fullmatch(text)
-    number = '.'.join(str(int(part)) for part in match.groups()) if match else text
-    version = number if number in VERSIONS else VERSIONS[-1] if text > VERSIONS[-1] else OLDEST
+    parts = [int(part) for part in match.groups()] if match else []
+    number = '.'.join(map(str, parts)) or text
+    version = number if number in VERSIONS else VERSIONS[-1] if parts > [1, 2] else OLDEST
     if number != version:
         report.warn('robot', root.get('name', ''), line_of(root), f'version={text!r} is refused '
                     f'by the parser of URDF; the file is read as {version!r}')

@@ -123,6 +123,16 @@ def test_negative_limit_of_version_1_2(name: str, version: str, value: str, is_w
         [f'{name}={value!r} is negative'] if is_wrong else [])
 
 
+@pytest.mark.parametrize(('version', 'read_as'), [
+    ('1.10', '1.2'), ('2.0', '1.2'), ('0.9', '1.0'), ('abc', '1.0')])
+def test_unknown_version_is_read_as_the_nearest(version: str, read_as: str) -> None:
+    report = Report()
+    read_urdf(parse(f'<robot name="r" version="{version}"><link name="a"/></robot>'.encode(),
+                    'r.urdf', report), report)
+    warning, = report.warnings
+    assert warning.message.endswith(f'the file is read as {read_as!r}')
+
+
 def test_warning_of_an_undefined_element_promises_no_conversion() -> None:
     report = Report()
     read('<link name="a"><odd/></link>', report)
