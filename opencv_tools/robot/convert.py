@@ -150,6 +150,7 @@ def with_model_parts(robot: Robot) -> Robot:
         return robot
     root = convert_to_sdf(robot, Report(), SdfOptions(
         relative=True, inertial='keep', fixed='keep', mesh_uri='keep'))
+    root.getroottree().docinfo.URL = robot.source  # for errors
     whole = with_original_names(read_sdf(root, Report()))
     own = {link.name for link in robot.links}
     links = (replace(link, default_mass=0.0) if link.name in own else link for link in whole.links)

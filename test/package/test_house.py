@@ -40,7 +40,7 @@ _GIVES = re.compile(
 BUDGET = {
     '': 977, 'bags': 1342, 'base': 635, 'calibration': 1781, 'capture': 2374, 'convert': 438,
     'datasets': 3020, 'frames': 443, 'image': 1366, 'message_types': 559, 'nodes': 2609,
-    'recording': 2369, 'robot': 6326, 'topics': 1976, 'transport': 1160, 'video': 951, 'viewer':
+    'recording': 2369, 'robot': 6331, 'topics': 1976, 'transport': 1160, 'video': 951, 'viewer':
     5421}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
            tokenize.ENDMARKER)

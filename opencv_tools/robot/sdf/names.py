@@ -152,8 +152,9 @@ class FrameRegistry:
         if frame in self.elements or (namesake and scope.file.version >= FRAMES):
             first = self.elements[frame if frame in self.elements else namesake or frame]
             raise DescriptionError(
-                f'{name!r} is already the name of <{local_name(first)}> in line '
-                f'{line_of(first)}; use unique names', element)
+                f'{name!r} is already the name of <{local_name(first)}>'
+                f'{f" in line {line_of(first)}" if line_of(first) else ""}; use unique names',
+                element)
         self.elements[frame] = element
         self._declared_in[frame] = scope
         if namesake is None or _KINDS.index(frame.kind) < _KINDS.index(namesake.kind):

@@ -16,10 +16,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from lxml import etree
 from opencv_tools.robot.compare.compare import differences
 from opencv_tools.robot.convert import convert_to_sdf, convert_to_urdf, SdfOptions
-from opencv_tools.robot.load import read_element
+from opencv_tools.robot.load import read_element, read_robot
 from opencv_tools.robot.model import FrameId, Robot
 from opencv_tools.robot.xml.document import DescriptionError, parse, to_bytes
 from opencv_tools.robot.xml.report import Report
@@ -112,3 +114,24 @@ def test_massless_link_beside_a_link_of_gazebo_stays_massless() -> None:
     assert ('inertial', 'a', 'presence') in {
         (found.element, found.name, found.property) for found in differences(
             read(text), read(to_bytes(sdf).decode()))}
+
+
+@pytest.mark.parametrize('block', [
+    '<link name="a"/>', '<link name="b"/>', '<frame name="j" attached_to="a"/>',
+    '<joint name="j" type="fixed"><parent>a</parent><child>b</child></joint>'])
+def test_name_of_gazebo_that_the_robot_has(block: str, tmp_path: Path) -> None:
+    path = tmp_path / 'k.urdf'
+    path.write_text(urdf(f'<gazebo>{block}</gazebo>'))
+    with pytest.raises(DescriptionError, match=r'k\.urdf:.* is already the name of ') as caught:
+        read_robot(str(path), Report())
+    assert 'line 0' not in str(caught.value)
+
+
+@pytest.mark.parametrize(('link', 'words'), [
+    ('a', 'moves the link in Gazebo, and is not converted'), ('b', 'has no effect in SDF')])
+def test_pose_of_gazebo(link: str, words: str) -> None:
+    report = Report()
+    root = f'<gazebo reference="{link}"><pose>1 1 1 0 0 0</pose></gazebo>'
+    read_element(parse(urdf(root).encode(), 'a.urdf', report), report)
+    assert [note.message for note in report.warnings] == [
+        f'{words}; the element is preserved unchanged']

@@ -66,7 +66,7 @@ def test_invalid_numbers_of_joints(content: str, message: str) -> None:
 
 
 @each_row(('version', 'back'), [
-    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.2'), ('1.10', '1.0'),
+    ('1.0', '1.0'), ('1.2', '1.2'), ('1', '1.0'), ('2.0', '1.2'), ('1.10', '1.2'),
     ('01.1', '1.1'), ('1.01', '1.1'), (' +1.2', '1.2')])
 def test_version_of_urdf(version: str, back: str) -> None:
     text = f'<robot name="r" version="{version}"><link name="a"/></robot>'
