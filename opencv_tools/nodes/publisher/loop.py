@@ -298,7 +298,9 @@ class PublishLoop:
         self._unfit += is_wanted
         self._unseen += not is_wanted
         self._progress.tick(
-            'not in a form with subscribers' if is_wanted else 'no subscribers',
+            'no subscribers' if not is_wanted else
+            'waiting for a key frame of the source' if self._topics.needs_key_frame else
+            'not in a form with subscribers',
             dropped=self._events.dropped, missed=self._grabber.missed)
         self._diagnostics.count()
 
