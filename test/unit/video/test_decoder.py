@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import base64
+from fractions import Fraction
 from io import BytesIO
 import json
 from pathlib import Path
@@ -304,3 +305,28 @@ def test_video_of_av1() -> None:
         assert abs(error).mean() < 4
     with pytest.raises(VideoError, match='160x120'):
         VideoDecoder('av1', 160 * 120 - 1).decode(sent[0])
+
+
+@pytest.mark.parametrize(('encoder', 'parameters', 'codec'), [
+    ('libx264', 'x264-params', 'h264'), ('libx265', 'x265-params', 'h265')])
+@pytest.mark.parametrize('count', [1, 2, 5])
+def test_reordered_pictures_are_refused_with_their_reason(
+        encoder: str, parameters: str, codec: str, count: int) -> None:
+    context = av.CodecContext.create(encoder, 'w')
+    context.width, context.height, context.pix_fmt = 160, 120, 'yuv420p'
+    context.options = {parameters: f'bframes={count}:b-adapt=0:keyint=8:log-level=none'}
+    context.framerate, context.time_base = 30, Fraction(1, 30)
+    frames = [av.VideoFrame(160, 120, 'yuv420p') for _ in range(16)]
+    for number, frame in enumerate(frames):
+        frame.pts = number
+    sent = [bytes(packet) for frame in (*frames, None) for packet in context.encode(frame)]
+    decoder, reasons = VideoDecoder(codec), []
+    for data in sent:
+        try:
+            decoder.decode(data)
+        except KeyFrameNeeded:
+            pass
+        except VideoError as err:
+            reasons.append(str(err))
+    assert len(reasons) >= 2  # one for each key frame
+    assert all('reorders pictures (B frames)' in reason for reason in reasons)
