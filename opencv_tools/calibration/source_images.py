@@ -64,7 +64,7 @@ def open_files(text: str, topic: str = '') -> FileSource:
     shown = without_password(text)
     if topic and not names_bag(text):
         raise ValueError(f'the topic {topic!r:.80} is for a bag, but {shown!r:.80} is none: leave '
-                         'the topic out')
+                         "the topic out, or give files such as 'drive/*.mcap'")
     if not (is_camera(text) or is_pattern(text)):
         source = open_source(text, bag_topic=topic)
         if not source.live:

@@ -141,8 +141,8 @@ class PublisherSettings(NodeSettings):
         of_files = {'start_frame': start, 'stop_frame': stop, **loop}
         # Values that are given if they are true, whether they have an effect, and why not.
         rules: tuple[tuple[Mapping[str, object], bool, str], ...] = (
-            (of_bags, names_bag(self.source), f'{source} is not a bag: give a .mcap, a .db3 or a '
-             'folder with metadata.yaml'),
+            (of_bags, names_bag(self.source), f'{source} is not a bag: give a .mcap, a .db3, a '
+             "folder with metadata.yaml, or files such as 'drive/*.mcap'"),
             (of_files, not is_camera(self.source), f'{source} is a camera: give a file'),
             (loop, stop > 0 or not is_pattern(self.source),
              f'{source} has no end: give stop_frame'),
