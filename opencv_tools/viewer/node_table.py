@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import time
 from typing import Any
 
@@ -32,10 +32,14 @@ _DISCOVERY_SECONDS = 2.0
 
 
 def read_graph(node: Node) -> dict[str, Any]:
-    """Return all nodes, and the topics with types, publishers and subscribers, by name."""
+    """
+    Return all nodes, and the topics with types, publishers and subscribers, by name.
+
+    As with ``ros2 node list``, nodes whose names begin with ``_`` are hidden.
+    """
     topics = sorted(node.get_topic_names_and_types())
     return {
-        'nodes': sorted({printable(name) for name in node_names(node)})[:MAX_LISTED],
+        'nodes': _shown(node_names(node)),
         'topics': [{
             'name': printable(name), 'types': [*map(printable, types)],
             'publishers': _nodes(node.get_publishers_info_by_topic(name)),
@@ -45,8 +49,11 @@ def read_graph(node: Node) -> dict[str, Any]:
 
 
 def _nodes(endpoints: Any) -> list[str]:
-    return sorted({printable(f'{one.node_namespace.rstrip("/")}/{one.node_name}')
-                   for one in endpoints})[:MAX_LISTED]
+    return _shown(f'{one.node_namespace.rstrip("/")}/{one.node_name}' for one in endpoints)
+
+
+def _shown(names: Iterable[str]) -> list[str]:
+    return sorted({printable(name) for name in names if '/_' not in name})[:MAX_LISTED]
 
 
 def describe_graph(graph: dict[str, Any]) -> str:
@@ -65,7 +72,7 @@ def list_graph(args: Sequence[str]) -> int:
     """Print the nodes and the topics that are found within two seconds; return 0."""
     rclpy.init(args=[word for word in args if word != '--list'])
     try:
-        node = rclpy.create_node('image_viewer_list', start_parameter_services=False)
+        node = rclpy.create_node('_image_viewer_list', start_parameter_services=False)
         time.sleep(_DISCOVERY_SECONDS)
         print(describe_graph(read_graph(node)), flush=True)
     finally:

@@ -20,6 +20,7 @@ from collections.abc import Callable
 from chromium import Browser
 from conftest import NodeProcess
 from pages import Camera, Viewer
+import rclpy
 from rclpy.node import Node
 from std_msgs.msg import String
 from test_page_layout import check_layout, LATCHED
@@ -61,9 +62,14 @@ def test_nodes_and_topics(viewer: Viewer, browser: Browser, camera: Node) -> Non
 
 def test_list_of_nodes_and_topics(start: Callable[..., NodeProcess], camera: Node) -> None:
     publisher = Camera(camera, '/front/image_raw').publisher
+    hidden = rclpy.create_node('_hidden', context=camera.context)
+    hidden.create_publisher(String, '/hidden', 1)
     listed = start('img_viewer', '--list')
     assert listed.finish() == 0
     lines = listed.output.splitlines()
     assert '  /front/camera' in lines
     place = lines.index(f'  {publisher.topic_name} [sensor_msgs/msg/Image]')
     assert lines[place + 1:place + 3] == ['    publishers: /front/camera', '    subscribers: none']
+    assert lines[1:lines.index('Topics:')] == ['  /front/camera']  # not its own
+    assert '  /hidden [std_msgs/msg/String]' in lines
+    hidden.destroy_node()
