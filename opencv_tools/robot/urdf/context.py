@@ -156,10 +156,12 @@ def _extract(element: Element, owners: Sequence[FrameId], robot: str, tree: Link
                     report.warn(tag, owner.name, line_of(element),
                                 f'{text!r} replaces another value of an earlier <{tag}>')
             return flaw or None
-    if not owners or tag in PRESERVING_TAGS or tag.startswith('{'):
-        return ''
-    is_moved = tag == 'pose' and owners[0].kind == 'link' and (
-        owners[0].name not in tree.parent_joint)
+    is_known = not owners or tag in PRESERVING_TAGS or tag.startswith('{')
+    return '' if is_known else _loss(tag, owners[0], tree)
+
+
+def _loss(tag: str, owner: FrameId, tree: LinkTree) -> str:
+    is_moved = tag == 'pose' and owner.kind == 'link' and owner.name not in tree.parent_joint
     return 'moves the link in Gazebo, and is not converted' if is_moved else 'has no effect in SDF'
 
 
