@@ -92,7 +92,7 @@ class Db3Reader:
                     f"WHEN 'integer' THEN topic_id IN ({marks}) END ORDER BY 3, 1", ids):
                 if isinstance(time_ns, int):
                     load = partial(self._load, number)
-                    yield BagMessage(self._ids[topic_id], time_ns, load)
+                    yield BagMessage(self._ids[topic_id], time_ns, load, place=number)
                 else:
                     yield Damage(f'{self._name}: message {number} has no time')
         except sqlite3.Error as err:

@@ -312,7 +312,8 @@ class McapReader:
     def _unsorted_items(
         self, span: Span, wanted: dict[int, BagTopic], sizes: list[int],
     ) -> Iterator[_Item]:
-        for part in scan(self._read, span.begin, span.end, sizes):
+        # A chunk has at most as many records as bytes.
+        for place, part in enumerate(scan(self._read, span.begin, span.end, sizes), span.begin):
             found = part.record
             if part.damage:
                 yield span.start_ns, Damage(f'{self._name}: {part.damage}')
@@ -322,7 +323,8 @@ class McapReader:
                     begin = found.begin + MESSAGE.size
                     load = partial(self._load, part.read, begin, found.end - begin)
                     yield head.log_ns, BagMessage(
-                        wanted[head.channel], head.log_ns, load, head.publish_ns, head.sequence)
+                        wanted[head.channel], head.log_ns, load, head.publish_ns, head.sequence,
+                        place)
 
     def _load(self, read: Read, begin: int, size: int) -> memoryview:
         if size > MAX_BYTES:

@@ -316,6 +316,8 @@ class Bag:
                 times += [reader.first_ns, reader.last_ns] if any(reader.topics.values()) else []
         #: Times of the first and the last message, in nanoseconds; 0 for an empty bag.
         self.first_ns, self.last_ns = min(times, default=0), max(times, default=0)
+        #: Number of the file that is being read, from 0.
+        self.file = 0
         self._reader: BagReader | None = None
 
     def messages(self, topics: Collection[BagTopic]) -> Iterator[BagMessage | Damage]:
@@ -326,8 +328,8 @@ class Bag:
         :raises BagError: a file cannot be read as a bag.
         :raises OSError: a file cannot be read.
         """
-        for file in self.paths:
-            self._reader = open_bag_file(file)
+        for number, file in enumerate(self.paths):
+            self.file, self._reader = number, open_bag_file(file)
             yield from self._reader.messages(topics)
             self.close()
 

@@ -105,6 +105,7 @@ class BagMessage:
         BagError or OSError if it cannot be read.
     :param publish_ns: time of publication in nanoseconds; 0 if unknown.
     :param number: number of the message from its publisher; 0 if unknown.
+    :param place: number that is larger for messages that are later in the file.
     """
 
     topic: BagTopic
@@ -112,6 +113,7 @@ class BagMessage:
     load: Callable[[], Any]
     publish_ns: int = 0
     number: int = 0
+    place: int = 0
 
 
 @dataclass(frozen=True)

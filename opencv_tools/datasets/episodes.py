@@ -33,6 +33,7 @@ from opencv_tools.datasets.rows import (
     choose, grid, needed_delay, pieces, Rows, Times, TOLERANCE_NS)
 from opencv_tools.datasets.tracks import Recording, Track
 
+_MS = NANO // 1000
 _END_NS = NANO  # by which a topic may end before the others without a sentence
 _MAX_TABLE = 1 << 24  # bytes
 _MOST = 100_000  # episodes of a bag
@@ -196,6 +197,15 @@ def _checked(recording: Recording, plan: Plan, rows: Rows) -> Rows:
     complete = Rows(rows.times, samples, rows.task)
     if plan.splits:
         return complete
+    if _are_doubled(recording, complete).any():
+        tracks = {name: one for name, one in recording.tracks.items() if one.doubled.any()}
+        times = np.concatenate([one.times[one.doubled | np.append(False, one.doubled[:-1])]
+                                for one in tracks.values()]) - recording.start_ns
+        name = next(iter(tracks))
+        raise DatasetError(
+            f'{name}: {tracks[name].step}, so rows from {times.min() // _MS / 1000:.3f} s to '
+            f'{-(-times.max() // _MS) / 1000:.3f} s after the begin mix the samples of before and '
+            'after: leave them out with --on-gap split, or by the times in --episodes TABLE.csv')
     for name, ages in _ages(recording, complete).items():
         worst = int(np.argmax(ages))
         if ages[worst] > plan.max_gap * NANO:
@@ -208,10 +218,18 @@ def _checked(recording: Recording, plan: Plan, rows: Rows) -> Rows:
 
 
 def _is_good(recording: Recording, plan: Plan, rows: Rows) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    good = np.ones(len(rows.times), np.bool_)
+    good = ~_are_doubled(recording, rows)
     for ages in _ages(recording, rows).values():
         good &= ages <= plan.max_gap * NANO
     return good
+
+
+def _are_doubled(recording: Recording, rows: Rows) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Return which rows have a sample of a time that is there twice."""
+    found = np.zeros(len(rows.times), np.bool_)
+    for name, samples in rows.samples.items():
+        found |= recording.tracks[name].doubled[samples]
+    return found
 
 
 def _ages(recording: Recording, rows: Rows) -> dict[str, Times]:

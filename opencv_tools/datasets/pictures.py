@@ -50,7 +50,7 @@ class _FirstPicturesError(DatasetError):
         """Return the samples of a bag without those pictures, which count as failed."""
         track, count = recording.tracks[self.name], len(self.samples)
         rest = {one: np.delete(getattr(track, one), self.samples, axis=0)
-                for one in ('times', 'messages', 'values', 'logs')}
+                for one in ('times', 'messages', 'values', 'logs', 'doubled')}
         return replace(recording, tracks={**recording.tracks, self.name: replace(
             track, failed=track.failed + count, **rest)}, warnings=[
                 *recording.warnings,
@@ -173,9 +173,12 @@ def _open_pictures(plan: Plan, recording: Recording, name: str, samples: Sequenc
     latest = np.maximum.accumulate(places)
     ahead = int((latest - np.arange(len(places))).max() + (latest - places).max())
     if ahead > _MOST_AHEAD:
-        raise DatasetError(f'{name} has pictures {ahead} places before those with earlier stamps, '
-                           f'at most {_MOST_AHEAD} are possible; use --clock log, or leave this '
-                           'time out by the times in --episodes TABLE.csv')
+        begin, end = ((int(one) - recording.start_ns) / NANO
+                      for one in track.times[samples][latest > places][[0, -1]])
+        raise DatasetError(
+            f'{name} has pictures {ahead} places before those with earlier stamps, at most '
+            f'{_MOST_AHEAD} are possible; {"use --clock log, or " * (not track.step)}leave the '
+            f'time from {begin:.3f} s to {end:.3f} s out by the times in --episodes TABLE.csv')
     found = bag_pictures(recording.bag, track.topic, np.sort(messages).tolist(),
                          is_depth=name in plan.depth, kept=ahead + 1)
     return _in_order(found, places.tolist())

@@ -168,8 +168,11 @@ def _array_names(value: NDArray[Any], parent: Any) -> list[str]:
     return []
 
 
-# A stamp that is further from the one before than the times of the recording is a jump.
-_JUMP_NS = NANO // 2
+#: A stamp that is further from the one before than the times of the recording is a jump.
+JUMP_NS = NANO // 2
+# By so much messages of a topic may be out of order in a file without a step of its clock.
+_BACK_NS = NANO // 10
+_FILE_BITS = 40  # of a place in a file; the bits above have the number of the file
 _STAY = 10  # messages on each side of a step of the clock
 _STAMP_AT = 4  # offset in CDR of a stamp at the begin of a message
 LOG_REMEDY = 'use --clock log for the times of the recording'
@@ -185,6 +188,7 @@ class Samples:
     :param logs: time of the recording of each message, in nanoseconds.
     :param stamps: stamp of each message, 0 without one.
     :param places: number of each message among all of the topic.
+    :param written: place of each message in the files of the bag.
     :param values: numbers of all messages.
     :param known: whether the message has each of these numbers.
     :param events: values that begin or end episodes; None if the numbers are used.
@@ -200,6 +204,7 @@ class Samples:
     logs: array[int] = field(default_factory=lambda: array('q'))
     stamps: array[int] = field(default_factory=lambda: array('q'))
     places: array[int] = field(default_factory=lambda: array('q'))
+    written: array[int] = field(default_factory=lambda: array('q'))
     values: array[float] = field(default_factory=lambda: array('d'))
     known: array[int] = field(default_factory=lambda: array('b'))
     events: list[Any] | None = None
@@ -215,10 +220,11 @@ class Samples:
         if self.source:
             self.reader = NumbersReader(self.topic)
 
-    def add(self, item: BagMessage) -> None:
+    def add(self, item: BagMessage, file: int = 0) -> None:
         """
         Add a message; one that cannot be read counts as lost.
 
+        :param file: number of its file in the bag.
         :raises DatasetError: it does not have the numbers.
         """
         place, self.count = self.count, self.count + 1
@@ -243,6 +249,8 @@ class Samples:
             self.known.extend(is_known.tolist())
         self.stamps.append(stamp)
         self.places.append(place)
+        self.written.append((file << _FILE_BITS) + min(
+            item.place, (1 << _FILE_BITS) - 1))
 
     def leave_out_zero(self) -> bool:
         """
@@ -253,7 +261,7 @@ class Samples:
         has_zero = len(self.stamps) > 1 and not self.stamps[0] and self.stamps[1] != 0
         if has_zero:
             width = len(self.values) // len(self.logs)
-            del self.logs[0], self.stamps[0], self.places[0]
+            del self.logs[0], self.stamps[0], self.places[0], self.written[0]
             del self.values[:width], self.known[:width]
             self.left_out += 1
         return has_zero
@@ -263,22 +271,55 @@ class Samples:
         """Seconds by the stamps in a second of the recording; 1.0 for one message."""
         stamps, logs = (int(times[-1] - times[0]) if times else 0
                         for times in (self.stamps, self.logs))
-        return stamps / logs if logs > 0 else 1.0
+        return stamps / logs if logs > 0 and self.log_jump >= 0 else 1.0
 
     @property
     def log_jump(self) -> int:
         """Largest jump in nanoseconds of the times of the recording alone; 0 for none."""
-        logs, stamps = np.sort(integers(self.logs)), np.sort(integers(self.stamps))
+        logs, stamps = self._in_file()
         if len(logs) < 2 or not stamps.all():
             return 0
-        longest = int(np.diff(logs).max())
-        return longest if longest > int(np.diff(stamps).max()) + _JUMP_NS and (
-            np.diff(integers(self.stamps)) < -_JUMP_NS).any() else 0
+        back = int(np.diff(logs).min())
+        if (_doubled(logs).any() and not _doubled(stamps).any()
+                and stamps[-1] - stamps[0] > -back):
+            return back
+        longest = int(np.diff(np.sort(logs)).max())
+        return longest if longest > int(np.diff(np.sort(stamps)).max()) + JUMP_NS and (
+            np.diff(integers(self.stamps)) < -JUMP_NS).any() else 0
+
+    def _in_file(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the times of the recording and the stamps in the order of the files."""
+        order = np.argsort(integers(self.written), kind='stable')
+        return integers(self.logs)[order], integers(self.stamps)[order]
+
+    def doubled(self, clock: str) -> tuple[NDArray[np.bool_], str]:
+        """
+        Return which messages are in a time that is there twice, because the clock stepped back.
+
+        The reader sorts messages by their times, so only their order in the file shows it. Video
+        after the step cannot be decoded in this order.
+
+        :param clock: 'stamp' or 'log'.
+        :returns: (n,) array, and a sentence about the step, '' if there is none.
+        """
+        logs, stamps = self._in_file()
+        found, in_stamps = _doubled(logs), _doubled(stamps)
+        both = bool((found & in_stamps).any())
+        times = stamps if clock == 'stamp' else logs
+        if not found.any():
+            return found, ''
+        steps = np.diff(times if both else logs)
+        if clock == 'stamp' and not self.has_video:
+            found = in_stamps & both
+        found = found[np.argsort(np.argsort(integers(self.written), kind='stable'))]
+        return np.maximum.accumulate(found) if self.has_video else found, (
+            f'the clock steps back by {-steps.min() / NANO:.3f} s after message {steps.argmin()}, '
+            f'in the {"stamps and the " * both}times of the recording')
 
     @property
     def step_back(self) -> str:
         """Sentence about stamps that step back and stay behind; '' if they do not."""
-        logs, stamps = integers(self.logs), integers(self.stamps)
+        logs, stamps = self._in_file()
         if len(logs) < 2 * _STAY:
             return ''
         late, steps = np.lib.stride_tricks.sliding_window_view(logs - stamps, _STAY), np.diff(
@@ -299,7 +340,7 @@ class Samples:
         :param clock: 'stamp' or 'log'.
         :raises DatasetError: there is none, or the stamps cannot be used.
         """
-        logs, stamps = integers(self.logs), integers(self.stamps)
+        logs, stamps = self._in_file()
         if not len(logs):
             raise DatasetError(f'{name} ({printable(self.topic.name)}) has no message that can be '
                                'read')
@@ -308,7 +349,7 @@ class Samples:
                 raise DatasetError(
                     f'the times of the recording of {name} ({printable(self.topic.name)}) jump by '
                     f'{self.log_jump / NANO:.3f} s, but its stamps do not; use --clock stamp')
-            return logs
+            return integers(self.logs)
         shown = f'{name} ({printable(self.topic.name)})'
         if self.reader and not self.reader.has_stamp:
             raise DatasetError(f'the messages of {shown} have no stamp; {LOG_REMEDY}')
@@ -318,12 +359,13 @@ class Samples:
         if 0 <= self.speed * STANDING < 1:
             raise DatasetError(f'the stamps of {shown} stand still; {LOG_REMEDY}')
         steps, log_steps = np.diff(stamps), np.diff(logs)
-        jumps = (steps < -_JUMP_NS) | (steps > np.maximum(log_steps, 0) + _JUMP_NS)
-        if jumps.any() and not self.log_jump:
+        jumps = (steps < np.minimum(log_steps, 0) - JUMP_NS) | (
+            steps > np.maximum(log_steps, 0) + JUMP_NS)
+        if jumps.any() and not self.log_jump and not self.doubled('stamp')[0].any():
             at = int(np.argmax(jumps))
             raise DatasetError(f'the stamps of {shown} jump by {steps[at] / NANO:.3f} s after '
                                f'message {at}; {LOG_REMEDY}')
-        return stamps
+        return integers(self.stamps)
 
 
 def first_names(messages: Iterable[BagMessage | Damage], topic: BagTopic, source: NumbersSource,
@@ -374,6 +416,20 @@ def _event(message: dict[str, Any], source: NumbersSource) -> Any:
     if not isinstance(value, bool | int | float | str):
         raise DatasetError(f'{source} is not one number or text; name a field')
     return value
+
+
+def _doubled(times: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which times, in the order of the files, are in a time that is there twice."""
+    back = np.flatnonzero(np.diff(times) < -_BACK_NS)
+    low, high = (call.accumulate(times)[back] for call in (np.minimum, np.maximum))
+    least, most = (call.accumulate(times[::-1])[::-1][back + 1]
+                   for call in (np.minimum, np.maximum))
+    starts, ends = np.maximum(low, least), np.minimum(high, most)
+    are_twice = starts <= ends
+    starts, ends = np.sort(starts[are_twice]), np.sort(ends[are_twice])
+    found: NDArray[np.bool_] = (np.searchsorted(starts, times, side='right')
+                                > np.searchsorted(ends, times))
+    return found
 
 
 def _stamp(serialized: Any) -> int:

@@ -32,7 +32,7 @@ from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_video import can_begin, is_video
 from opencv_tools.datasets.errors import DatasetError, UnreadableError
 from opencv_tools.datasets.plan import NumbersSource, Plan
-from opencv_tools.datasets.samples import first_names, integers, LOG_REMEDY, Samples
+from opencv_tools.datasets.samples import first_names, integers, JUMP_NS, LOG_REMEDY, Samples
 
 # Differences of the clocks of two topics, relative to the recording.
 _WARNING_NS, _ERROR_NS = NANO // 10, NANO // 2
@@ -47,6 +47,8 @@ class Track:
     :param messages: (n,) number of the message of each sample among all of the topic, from 0.
     :param values: (n, d) numbers of each sample; (n, 0) for images.
     :param logs: (n,) times of the recording of the samples.
+    :param doubled: whether each sample is in a time that is there twice; see `Samples.doubled`.
+    :param step: sentence about the step of the clock; '' if there is none.
     :param late: number of samples that are left out, because a later one has the same time or,
         in a topic of video, an earlier one has a later time.
     :param partial: number of messages that have none of the numbers, or not all of them while one
@@ -60,6 +62,8 @@ class Track:
     messages: NDArray[np.int64]
     values: NDArray[np.float64]
     logs: NDArray[np.int64]
+    doubled: NDArray[np.bool_]
+    step: str
     late: int
     partial: int
     left_out: int
@@ -153,6 +157,7 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
     :param count: number of messages that the topic has; those of a damaged part are not read.
     """
     times = samples.times(plan.clock, name)
+    doubled, step = samples.doubled(plan.clock)
     logs, places = integers(samples.logs), integers(samples.places)
     order = np.arange(len(times)) if samples.has_video else np.argsort(times, kind='stable')
     values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)[order]
@@ -174,7 +179,8 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
     kept = usable[np.append(True, steps) if samples.has_video else np.append(steps, True)]
     return Track(
         topic=samples.topic, times=times[kept], messages=places[order][kept], values=values[kept],
-        logs=logs[order][kept], partial=len(complete) - len(usable), late=len(usable) - len(kept),
+        logs=logs[order][kept], doubled=doubled[order][kept], step=step,
+        partial=len(complete) - len(usable), late=len(usable) - len(kept),
         left_out=samples.left_out + len(times) - len(complete),
         failed=samples.damaged + max(0, count - samples.count),
         offset_ns=int(np.median(logs[order] - times)))
@@ -209,6 +215,7 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     tracks = {name: _track(one, plan, name, bag.topics[one.topic])
               for name, one in samples.items()}
     warnings += _left_out_warnings(samples, tracks)
+    warnings += [f'{name}: {one.step}' for name, one in tracks.items() if one.doubled.any()]
     warnings += [f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, as '
                  'those of a simulation, and rows are counted by the stamps'
                  for name, one in samples.items()
@@ -216,12 +223,15 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     if plan.clock == 'stamp':
         warnings += [f'{name}: the times of the recording jump by {one.log_jump / NANO:.3f} s, '
                      'but not the stamps, whose order the rows have'
-                     for name, one in samples.items() if one.log_jump]
+                     for name, one in samples.items() if abs(one.log_jump) > JUMP_NS]
         warnings += [f'{name}: {text}' for name, one in samples.items() if (text := one.step_back)]
     warnings += _clock_warnings(tracks)
     clock = _Clock(tracks)
+    has_steps = plan.clock == 'stamp' and any(one.log_jump < 0 for one in samples.values())
+    start_ns = (min(int(track.times[0]) for track in tracks.values()) if has_steps else
+                clock.stamp(bag.first_ns))
     return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, clock) if events else [],
-                     start_ns=clock.stamp(bag.first_ns), warnings=warnings)
+                     start_ns=start_ns, warnings=warnings)
 
 
 def _left_out_warnings(samples: Mapping[str, Samples], tracks: Mapping[str, Track]) -> list[str]:
@@ -271,15 +281,15 @@ def _read(bag: Bag, samples: list[Samples]) -> int:
                     damages += 1
                     continue
                 for one in by_topic[item.topic]:
-                    _add(one, item)
+                    _add(one, item, bag.file)
     except (ValueError, OSError) as err:
         raise DatasetError(_reason(err)) from err
     return damages
 
 
-def _add(samples: Samples, item: BagMessage) -> None:
+def _add(samples: Samples, item: BagMessage, file: int) -> None:
     try:
-        samples.add(item)
+        samples.add(item, file)
     except DatasetError as err:
         raise DatasetError(f'message {samples.count} of {printable(item.topic.name)}: {err}'
                            ) from err
@@ -296,9 +306,9 @@ def _clock_warnings(tracks: dict[str, Track]) -> list[str]:
     """
     # A drift that all topics share, as in a simulation, is no second clock.
     most = max(tracks.values(), key=lambda track: int(track.logs.max() - track.logs.min()))
-    order = np.argsort(most.logs)
-    logs, drift = most.logs[order], (most.logs - most.times)[order]
-    offsets = {name: int(np.median(track.logs - track.times - np.interp(track.logs, logs, drift)))
+    drift = most.logs - most.times
+    offsets = {name: int(np.median(track.logs - track.times - np.interp(
+        track.times, most.times, drift)))
                for name, track in tracks.items()}
     first, last = min(offsets, key=offsets.__getitem__), max(offsets, key=offsets.__getitem__)
     difference = offsets[last] - offsets[first]

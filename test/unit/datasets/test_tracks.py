@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
-from itertools import count, takewhile
+from itertools import count, pairwise, takewhile
 from pathlib import Path
 import re
 from typing import Any
@@ -38,7 +38,7 @@ from opencv_tools.image.layout import array_to_wire
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.messages import FFMPEG_PACKET, video_to_cdr
 from opencv_tools.video.settings import VideoSettings
-from played_bags import Entry, write_mcap
+from played_bags import Entry, write_mcap, write_rosbag2
 import pytest
 
 S = NANO
@@ -645,3 +645,105 @@ def test_dry_run_reads_all_numbers_and_sizes(
             'front changes its size from (160, 120) to (200, 120)') in dry
     assert dry.removeprefix('img_convert: error: bad.mcap: ').splitlines()[0] in refused(
         tmp_path, drive, capsys, *words)
+
+
+def of_two_clocks(step_ms: int, log_step_ms: int, at: int = 2400) -> list[Entry]:
+    """
+    Return a drive of 4 s in the order of the file, whose clocks step back after some time.
+
+    :param step_ms: step of the stamps.
+    :param log_step_ms: step of the times of the recording.
+    :param at: real time of the steps, in ms after the begin.
+    """
+    entries = []
+    for one in range(4000):
+        real = BEGAN + one * S // 1000
+        stamp = real - step_ms * S // 1000 * (one >= at)
+        log = real - log_step_ms * S // 1000 * (one >= at)
+        if one % 40 == 0:  # 25 pictures a second, recorded in the order of their reception
+            entries.append((real, jpeg_entry(one // 40, stamp, log_ns=log + S // 500)))
+        if one % 10 == 3:
+            entries.append((real, joints_entry(stamp, joint_values(real), log_ns=log + S // 700)))
+    return [entry for _, entry in sorted(entries, key=lambda pair: pair[0])]
+
+
+def check_real_times(folder: Path) -> int:
+    """Check that picture and joints of each row are of one real time; return the rows."""
+    numbers, states = numbers_of(folder), rows_of(folder)['observation.state']
+    assert len(numbers) == len(states)
+    for number, state in zip(numbers, states):
+        assert abs(number * 0.04 - state[0]) < 0.05
+    return len(numbers)
+
+
+@pytest.mark.parametrize('kind', ['.mcap', '', 'split'])
+@pytest.mark.parametrize(('step_ms', 'clock'), [
+    (2017, 'stamp'), (300, 'log'), (500, 'stamp'), (1000, 'log'), (170, 'stamp'), (1333, 'log')])
+def test_clock_that_steps_back_in_stamps_and_recording(
+        step_ms: int, kind: str, clock: str, tmp_path: Path, capsys: Errors) -> None:
+    entries = with_definitions(of_two_clocks(step_ms, step_ms))
+    bag = tmp_path / f'bag{kind}'
+    if kind == 'split':
+        bag.mkdir()
+        border = next(place for place, (one, two) in enumerate(pairwise(entries))
+                      if two.log_ns < one.log_ns) + 1
+        write_mcap(bag / 'drive_0.mcap', entries[:border])
+        write_mcap(bag / 'drive_1.mcap', entries[border:])
+    elif kind:
+        write_mcap(bag, entries, chunk_size=20_000)
+    else:
+        write_rosbag2(bag, '.db3', entries)
+    words = (*CAMERA, *JOINTS_STATE, '--clock', clock)
+    status = convert(bag, tmp_path / 'set', *words)
+    error = capsys.readouterr().err
+    if kind == 'split' and 'are one recording' not in error:  # a bag with one clock each
+        assert abs(check_real_times(tmp_path / 'set') - 120) < 8
+        return
+    assert status == 1
+    found = re.search(
+        fr'front: the clock steps back by {step_ms / 1000 - 0.04:.3f} s after message 59, in the '
+        r'stamps and the times of the recording, so rows from (\S+) s to (\S+) s after the begin '
+        'mix the samples of before and after: leave them out with --on-gap split', error)
+    assert found and not (tmp_path / 'set').exists(), error
+    begin, end = map(float, found.groups())
+    real_end = 4 - step_ms / 1000  # by the clock after the step
+    assert abs(begin - real_end + 1.6) < 0.09 and abs(end - min(2.4, real_end)) < 0.09
+    assert convert(bag, tmp_path / 'split', *words, '--on-gap', 'split') == 0
+    rows = check_real_times(tmp_path / 'split')
+    assert abs(rows - 30 * (max(2.4, real_end) - (end - begin))) < 8
+    assert 'warning: ' in capsys.readouterr().err
+    table = tmp_path / 'episodes.csv'
+    table.write_text(f'start,end\n0,{begin}\n{end},9\n')
+    assert convert(bag, tmp_path / 'table', *words, '--episodes', table) == 0
+    assert abs(check_real_times(tmp_path / 'table') - rows) < 8
+
+
+@pytest.mark.parametrize('step_ms', [1500, 300, 900, 2100, 163])
+def test_clock_of_the_recording_that_steps_back_alone(
+        step_ms: int, tmp_path: Path, capsys: Errors) -> None:
+    bag = write_mcap(tmp_path / 'bag.mcap', with_definitions(of_two_clocks(0, step_ms)))
+    words = *CAMERA, *JOINTS_STATE
+    assert convert(bag, tmp_path / 'set', *words, '--clock', 'log') == 1
+    text = f'jump by -{step_ms / 1000 - 0.04:.3f} s, but its stamps do not; use --clock stamp'
+    assert f'times of the recording of front ({TOPIC}) {text}' in capsys.readouterr().err
+    status = convert(bag, tmp_path / 'set', *words)
+    error = capsys.readouterr().err
+    assert 'use --clock log' not in error
+    if status:  # too many pictures would wait for those before them
+        begin, end = re.findall(r'leave the time from (\S+) s to (\S+) s out', error)[0]
+        table = tmp_path / 'episodes.csv'
+        table.write_text(f'start,end\n0,{begin}\n{float(end) + 0.04},9\n')
+        assert convert(bag, tmp_path / 'set', *words, '--episodes', table) == 0
+    missing = min(step_ms / 1000, 1.6) if status else 0
+    assert abs(check_real_times(tmp_path / 'set') - 30 * (4 - missing)) < 8
+
+
+@pytest.mark.parametrize('late_ms', [9, 40, 80])
+def test_messages_a_little_out_of_order_are_no_step_of_the_clock(
+        late_ms: int, tmp_path: Path, capsys: Errors) -> None:
+    entries = [entry._replace(log_ns=entry.log_ns + late_ms * S // 1000 * (place % 7 == 3))
+               for place, entry in enumerate(of_two_clocks(0, 0))]
+    bag = write_mcap(tmp_path / 'bag.mcap', with_definitions(entries))
+    for clock in ('stamp', 'log'):
+        assert convert(bag, tmp_path / clock, *CAMERA, *JOINTS_STATE, '--clock', clock) == 0
+    assert 'steps back' not in capsys.readouterr().err
