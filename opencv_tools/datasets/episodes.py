@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import csv
+from dataclasses import replace
 import io
 from itertools import pairwise
 from pathlib import Path
@@ -107,11 +108,13 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     tracks = recording.tracks
     latest = max(tracks, key=lambda name: int(tracks[name].times[0]))
     last = max(int(track.times[-1]) for track in tracks.values())
-    ends = {name: _end_of(track, plan, last) for name, track in tracks.items()}
+    topics = {part: replace(track, times=times) for name, track in tracks.items()
+              for part, times in (track.parts or {name: track.times}).items()}
+    ends = {name: _end_of(track, plan, last) for name, track in topics.items()}
     earliest = min(ends, key=ends.__getitem__)
     start, end = int(tracks[latest].times[0]), ends[earliest]
     if end < start:
-        before = start - int(tracks[earliest].times[-1])
+        before = start - int(topics[earliest].times[-1])
         raise DatasetError(f'{earliest} ends {before / NANO:.3f} s before {latest} begins, '
                            'so no time has all topics')
     found: list[Rows] = []
@@ -119,7 +122,7 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
     for begin, stop, task in _spans(recording, plan, bag, last):
         first = min(int(track.times[0]) for track in tracks.values())
         _check_end(recording, plan, latest, 'first', start - max(begin, first))
-        for name, track in tracks.items():
+        for name, track in topics.items():
             if name == earliest or not _is_seldom(track, plan):
                 _check_end(recording, plan, name, 'last', min(stop, last) - int(track.times[-1]))
         times = _row_times(recording, plan, max(begin, start), min(stop - 1, end + TOLERANCE_NS))
@@ -233,8 +236,9 @@ def _are_doubled(recording: Recording, rows: Rows) -> np.ndarray[Any, np.dtype[n
 
 
 def _ages(recording: Recording, rows: Rows) -> dict[str, Times]:
-    """Return the distance of each row from its sample in nanoseconds, by topic."""
-    return {name: np.abs(rows.times - recording.tracks[name].times[samples])
+    """Return the age of the oldest number of each row in nanoseconds, by topic."""
+    return {name: np.maximum(np.abs(rows.times - recording.tracks[name].times[samples]),
+                             rows.times - recording.tracks[name].oldest[samples])
             for name, samples in rows.samples.items()}
 
 

@@ -50,7 +50,7 @@ class _FirstPicturesError(DatasetError):
         """Return the samples of a bag without those pictures, which count as failed."""
         track, count = recording.tracks[self.name], len(self.samples)
         rest = {one: np.delete(getattr(track, one), self.samples, axis=0)
-                for one in ('times', 'messages', 'values', 'logs', 'doubled')}
+                for one in ('times', 'messages', 'values', 'logs', 'oldest', 'doubled')}
         return replace(recording, tracks={**recording.tracks, self.name: replace(
             track, failed=track.failed + count, **rest)}, warnings=[
                 *recording.warnings,

@@ -51,8 +51,9 @@ class Track:
     :param step: sentence about the step of the clock; '' if there is none.
     :param late: number of samples that are left out, because a later one has the same time or,
         in a topic of video, an earlier one has a later time.
-    :param partial: number of messages that have none of the numbers, or not all of them while one
-        is older than the largest gap.
+    :param partial: number of messages that have none of the numbers.
+    :param oldest: (n,) time of the oldest number of each sample; that of the sample for images.
+    :param parts: times of the samples that have a number, by its name, if not all have all.
     :param left_out: number of messages before the first one that can be decoded.
     :param failed: number of messages that cannot be read.
     """
@@ -61,6 +62,8 @@ class Track:
     times: NDArray[np.int64]
     messages: NDArray[np.int64]
     values: NDArray[np.float64]
+    oldest: NDArray[np.int64]
+    parts: Mapping[str, NDArray[np.int64]]
     logs: NDArray[np.int64]
     doubled: NDArray[np.bool_]
     step: str
@@ -162,6 +165,8 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
     order = np.arange(len(times)) if samples.has_video else np.argsort(times, kind='stable')
     values = np.frombuffer(samples.values, np.float64).reshape(len(times), -1)[order]
     times, partial, complete = times[order], np.zeros(len(times), np.bool_), np.arange(len(times))
+    since = times
+    parts: dict[str, NDArray[np.int64]] = {}
     if samples.source:
         known = np.frombuffer(samples.known, np.bool_).reshape(values.shape)[order]
         newest = np.maximum.accumulate(np.where(known, np.arange(len(times))[:, None], -1))
@@ -170,15 +175,18 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
             missing = [one for one, place in zip(samples.source.names, newest[-1]) if place < 0]
             raise DatasetError(f'{name}: no message has {enumerated(missing)}')
         complete = np.flatnonzero(oldest >= 0)
-        partial = ~known.any(axis=1) | (times - times[oldest] > plan.max_gap * NANO)
+        partial |= ~known.any(axis=1)
+        since = times[oldest]
+        if not known.all():
+            parts = {f'{name}.{one}': times[column]
+                     for one, column in zip(samples.source.names, known.T)}
     usable = complete[~partial[complete]]
-    if not len(usable):
-        raise DatasetError(f'{name} has no message with all numbers within --max-gap')
     steps = np.diff(np.maximum.accumulate(times[usable])) > 0
     # The last one of messages with one time has the numbers of all.
     kept = usable[np.append(True, steps) if samples.has_video else np.append(steps, True)]
     return Track(
         topic=samples.topic, times=times[kept], messages=places[order][kept], values=values[kept],
+        oldest=since[kept], parts=parts,
         logs=logs[order][kept], doubled=doubled[order][kept], step=step,
         partial=len(complete) - len(usable), late=len(usable) - len(kept),
         left_out=samples.left_out + len(times) - len(complete),
@@ -244,8 +252,7 @@ def _left_out_warnings(samples: Mapping[str, Samples], tracks: Mapping[str, Trac
         counts = {
             'cannot be read': one.damaged,
             f'are left out, because {late}': tracks[name].late,
-            'are left out, because they have none of the numbers, or not all of them within '
-            '--max-gap': tracks[name].partial}
+            'are left out, because they have none of the numbers': tracks[name].partial}
         found += [f'{name}: {count} messages {text}' for text, count in counts.items() if count]
     return found
 

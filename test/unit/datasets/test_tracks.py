@@ -231,7 +231,7 @@ def test_double_and_missing_joints_are_an_error(tmp_path: Path, capsys: Errors) 
     drive.others = [permuted(('wrist', 'elbow', 'grip')[:3 if step < 25 else 2], step)
                     for step in range(100)]
     error = refused(tmp_path, drive, capsys, *words, '--max-gap', '0.5')
-    assert '/arm.position has no sample for the last 0.987 s' in error
+    assert '/arm.position.grip has no sample for the last 1.500 s' in error
 
 
 @pytest.mark.parametrize(('names', 'joints'), [
@@ -747,3 +747,44 @@ def test_messages_a_little_out_of_order_are_no_step_of_the_clock(
     for clock in ('stamp', 'log'):
         assert convert(bag, tmp_path / clock, *CAMERA, *JOINTS_STATE, '--clock', clock) == 0
     assert 'steps back' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('dead', ['wrist', 'shoulder'])
+@pytest.mark.parametrize(('stop', 'gap'), [(4.0, 1.0), (8.5, 1.0), (6.3, 2.0), (5.0, 0.5)])
+def test_joint_that_dies_ends_the_rows(
+        stop: float, gap: float, dead: str, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=10.0, topics=())
+    alive = [one for one in ('shoulder', 'elbow', 'wrist') if one != dead]
+    for step in range(1000):
+        time_ns = BEGAN + step * S // 100
+        values = {'shoulder': step / 100, 'elbow': -step / 100, 'wrist': step / 10}
+        if step % 5 == 0:
+            drive.others.append(jpeg_entry(step // 5, time_ns))
+        drive.others.append(joints_entry(time_ns, [values[one] for one in alive], alive, '/arm'))
+        if step < stop * 100 and step % 2 == 0:
+            drive.others.append(joints_entry(time_ns + S // 5000, [values[dead]], [dead], '/arm'))
+    words = *CAMERA, '--state', '/arm.position', '--max-gap', gap
+    error = refused(tmp_path, drive, capsys, *words)
+    found = re.search(r'/arm.position.(\w+) has no sample for the last (\S+) s of', error)
+    assert found and found[1] == dead and abs(float(found[2]) - 10 + stop) < 0.05, error
+    folder = converted(tmp_path, drive, *words, '--ends', 'shorten')
+    names = info_of(folder)['features']['observation.state']['names']
+    states = rows_of(folder)['observation.state']
+    assert abs(len(states) - 30 * stop) < 4
+    values_of = dict(zip(names, np.array(states).T))
+    assert np.allclose(values_of['shoulder'] * 10, values_of['wrist'], atol=0.31)
+    split = converted(tmp_path / 'split', drive, *words, '--on-gap', 'split')
+    assert abs(len(rows_of(split)['index']) - 30 * (stop + gap)) < 4
+
+
+@pytest.mark.parametrize('gap', [0.5, 1.0, 1.4])
+def test_age_of_the_oldest_joint_is_that_of_the_row(
+        gap: float, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=4.0, others=[
+        joints_entry(BEGAN + step * S // 50, [float(step)], ['grip'], '/joint_states')
+        for step in range(200) if not 50 <= step < 130])
+    words = *CAMERA, *JOINTS_STATE, '--max-gap', gap
+    assert '/joint_states.position has no sample for 1.587 s' in refused(
+        tmp_path, drive, capsys, *words)
+    folder = converted(tmp_path, drive, *words, '--on-gap', 'split')
+    assert abs(len(rows_of(folder)['index']) - 30 * (4 - 1.6 + gap)) < 4
