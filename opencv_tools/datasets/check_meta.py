@@ -180,6 +180,7 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
     :param columns: (n, d) numbers of all rows by feature.
     """
     total, stored = reader.read_json(STATS), reader.episode_columns('stats/')
+    lengths = [one['length'] for one in episodes]
     spans = [(one['dataset_from_index'], one['dataset_to_index']) for one in episodes]
     found = {**frames.found, **{
         key: [numbers_statistics(1 * values[begin:end])
@@ -201,7 +202,7 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
             limits |= {name: (whole[name],) * 2
                        for name in ('mean', 'std', *(() if is_image else ('min', 'max')))}
             names = [*_wrong(given, limits, is_image, least['min'], most['max'])]
-            if not is_image and given.get('count') != whole['count'].tolist():
+            if not _is_count(given.get('count'), whole['count'], is_image, lengths):
                 names.append('count')
             yield from (f'{STATS} has another {name} of {printable(key)} than the rows'
                         for name in names)
@@ -209,13 +210,21 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
             rows = {name: values[number] for name in one if len(
                 values := stored.get(f'stats/{key}/{name}', [])) == len(episodes)
                 and values[number] is not None}
-            wrong = _wrong(rows, {name: (value, value) for name, value in one.items()
-                                  if name != 'count' and name not in (
-                                      ('min', 'max', *QUANTILES) if is_image else ())},
-                           is_image, one['min'], one['max'])
+            wrong = [*_wrong(rows, {name: (value, value) for name, value in one.items()
+                                    if name != 'count' and name not in (
+                                        ('min', 'max', *QUANTILES) if is_image else ())},
+                             is_image, one['min'], one['max'])]
+            if not _is_count(rows.get('count', one['count'].tolist()), one['count'], is_image,
+                             lengths[number:number + 1]):
+                wrong.append('count')
             for name in wrong:
                 yield (f'the table of episodes has another {name} of {printable(key)} than the '
                        f'rows of episode {number}')
+
+
+def _is_count(given: Any, sampled: NDArray[Any], is_image: bool, lengths: list[int]) -> bool:
+    """Return whether a count is that of the rows; of images also that of the sampled ones."""
+    return given == sampled.tolist() or (is_image and given in (None, [sum(lengths)]))
 
 
 def _wrong(given: dict[str, Any], expected: dict[str, tuple[Any, Any]], is_image: bool,
@@ -239,13 +248,16 @@ def _wrong(given: dict[str, Any], expected: dict[str, tuple[Any, Any]], is_image
     if is_image:  # a codec may take any noise away
         mean, (least, most) = values['mean'], expected['std']
         expected['std'] = least, np.maximum(most, np.sqrt(np.clip(mean * (1 - mean), 0, None)))
-    for name, (least, most) in expected.items():
+    for name in values:
+        least, most = expected.get(name, (-np.inf, np.inf))
         limit = (_IMAGE_STD if name == 'std' else _IMAGE_MEAN) if is_image else (
             spread + _QUANTILE * (high - low) * (name in QUANTILES))
-        if name in values and not (
-                (values[name] >= least - limit) & (values[name] <= most + limit)).all():
+        is_right = (values[name] >= least - limit) & (values[name] <= most + limit)
+        if is_image:  # levels from 0 to 1
+            is_right &= np.abs(values[name] - 0.5) <= 0.5 + spread
+        if not is_right.all():
             yield name
     order = [name for name in _ORDER if name in values]
-    for one, two in pairwise(order):
+    for one, two in [*pairwise(order), ('min', 'mean'), ('mean', 'max')]:
         if (values[one] > values[two] + spread).any():
             yield f'order of {one} and {two}'
