@@ -110,7 +110,7 @@ def _add_features(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--action', metavar='TOPIC.FIELD', action='append', default=[], help=(
         'numbers of action; next for the state of the next row'))
     group.add_argument('--vector', metavar='FEATURE=TOPIC.FIELD', action='append', default=[],
-                       help='numbers of another feature, such as effort=/joint_states.effort')
+                       help='numbers of another feature, such as observation.effort=/arm.effort')
     group.add_argument('--joints', metavar='NAME,NAME', type=_names, default=(), help=(
         'names and order of the numbers that have names [order of the first message]'))
     group.add_argument('--task', metavar='TEXT', default='', help='task of the episodes')

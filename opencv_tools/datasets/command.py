@@ -29,8 +29,8 @@ from opencv_tools.datasets.conversion import Conversion
 from opencv_tools.datasets.episodes import read_intervals
 from opencv_tools.datasets.errors import DatasetError, os_reason, UnreadableError
 from opencv_tools.datasets.plan import (
-    ACTION, Interval, LEROBOT, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan,
-    RESERVED, STATE, unique)
+    ACTION, IMAGES, Interval, LEROBOT, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan,
+    RESERVED, STAMPS, STATE, unique)
 from opencv_tools.datasets.set_writing import merge_shards
 
 
@@ -78,8 +78,9 @@ def _vectors(options: Namespace, is_next: bool) -> list[tuple[str, tuple[Numbers
     vectors = [(key, _sources(texts, options.joints)) for key, texts in (
         (STATE, options.state), (ACTION, [] if is_next else options.action)) if texts]
     for text in options.vector:
-        name, source = parse_named(text, 'a feature')
-        if name in RESERVED or (is_next and name == ACTION):
+        name, source = parse_named(text, 'a feature', is_feature=True)
+        if (name in RESERVED or name.startswith((IMAGES, f'{STAMPS}.'))
+                or (is_next and name == ACTION)):
             raise DatasetError(f"a feature cannot have the name '{name}', which every data set "
                                'has; give another name')
         vectors.append((name, _sources([source], ())))

@@ -42,6 +42,7 @@ LEROBOT, WEBDATASET, PARQUET = FORMATS = ('lerobot', 'webdataset', 'parquet')
 
 # A name becomes a part of the name of a file and of a key of a sample in a tar archive.
 _NAME = re.compile('[A-Za-z0-9_]{1,64}')
+_FEATURE = re.compile(r'(?=.{1,64}\Z)[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*')
 _VERSION = 2  # of what is written; another one converts all bags anew
 
 
@@ -152,17 +153,18 @@ def parse_numbers_source(text: str) -> NumbersSource:
     return NumbersSource(topic, tuple(path))
 
 
-def parse_named(text: str, what: str) -> tuple[str, str]:
+def parse_named(text: str, what: str, is_feature: bool = False) -> tuple[str, str]:
     """
     Read a name and a topic, such as ``front=/cam0/image_raw``.
 
     :param what: what the name is for, in an error.
+    :param is_feature: whether the parts of the name may have points between them.
     :raises DatasetError: the text has no topic, or the name cannot be that of a feature.
     """
     name, _, topic = text.partition('=')
-    if not _NAME.fullmatch(name) or not topic.startswith('/'):
+    if not (_FEATURE if is_feature else _NAME).fullmatch(name) or not topic.startswith('/'):
         raise DatasetError(f"'{printable(text)}' does not name {what}; give NAME=/topic, the name "
-                           'with letters, digits and _ only')
+                           f'with letters, digits{", points" * is_feature} and _ only')
     return name, topic
 
 

@@ -31,6 +31,7 @@ from dataset_sets import (
     USUAL)
 import numpy as np
 from opencv_tools.capture.bag_pictures import bag_pictures
+from opencv_tools.convert.cli import main
 from opencv_tools.datasets import pictures
 from opencv_tools.image.cdr import image_to_cdr, WireHeader
 from opencv_tools.image.encodings import find_encoding
@@ -788,3 +789,23 @@ def test_age_of_the_oldest_joint_is_that_of_the_row(
         tmp_path, drive, capsys, *words)
     folder = converted(tmp_path, drive, *words, '--on-gap', 'split')
     assert abs(len(rows_of(folder)['index']) - 30 * (4 - 1.6 + gap)) < 4
+
+
+@pytest.mark.parametrize('form', ['lerobot', 'webdataset', 'parquet'])
+@pytest.mark.parametrize('name', ['observation.gripper', 'a.b.c', '_0.9'])
+def test_names_of_features_have_points(name: str, form: str, tmp_path: Path) -> None:
+    bag = Drive(seconds=0.5).write(tmp_path / 'bag.mcap')
+    words = *CAMERA, '--vector', f'{name}=/joint_states.position'
+    assert convert(bag, tmp_path / 'set', *words, form=form) == 0
+    if form == 'lerobot':
+        assert len(rows_of(tmp_path / 'set')[name]) == 15
+        assert main(['--check', str(tmp_path / 'set')]) == 0
+
+
+@pytest.mark.parametrize('name', [
+    'a.', '.a', 'a..b', '../a', 'a/b', 'a' * 65, 'observation.images.front', 'stamp_ns.front',
+    'index', 'a b', 'a.b\n'])
+def test_names_that_no_feature_can_have(name: str, tmp_path: Path, capsys: Errors) -> None:
+    error = refused(tmp_path, Drive(seconds=0.3), capsys, *CAMERA, '--vector',
+                    f'{name}=/joint_states.position')
+    assert 'does not name a feature' in error or 'cannot have the name' in error
