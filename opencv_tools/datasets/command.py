@@ -29,8 +29,8 @@ from opencv_tools.datasets.conversion import Conversion
 from opencv_tools.datasets.episodes import read_intervals
 from opencv_tools.datasets.errors import DatasetError, os_reason, UnreadableError
 from opencv_tools.datasets.plan import (
-    ACTION, IMAGES, Interval, LEROBOT, NEXT, NumbersSource, parse_named, parse_numbers_source, Plan,
-    RESERVED, STAMPS, STATE, unique)
+    ACTION, IMAGES, Interval, LEROBOT, NEXT, NumbersSource, parse_named, parse_numbers_source,
+    Plan, RESERVED, STAMPS, STATE, unique)
 from opencv_tools.datasets.set_writing import merge_shards
 
 

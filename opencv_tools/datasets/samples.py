@@ -224,7 +224,7 @@ class Samples:
         """
         Add a message; one that cannot be read counts as lost.
 
-        :param file: number of its file in the bag.
+        :param file: number of its file in the bag, from 0.
         :raises DatasetError: it does not have the numbers.
         """
         place, self.count = self.count, self.count + 1
@@ -249,8 +249,7 @@ class Samples:
             self.known.extend(is_known.tolist())
         self.stamps.append(stamp)
         self.places.append(place)
-        self.written.append((file << _FILE_BITS) + min(
-            item.place, (1 << _FILE_BITS) - 1))
+        self.written.append((file << _FILE_BITS) + min(item.place, (1 << _FILE_BITS) - 1))
 
     def leave_out_zero(self) -> bool:
         """
@@ -305,10 +304,9 @@ class Samples:
         logs, stamps = self._in_file()
         found, in_stamps = _doubled(logs), _doubled(stamps)
         both = bool((found & in_stamps).any())
-        times = stamps if clock == 'stamp' else logs
         if not found.any():
             return found, ''
-        steps = np.diff(times if both else logs)
+        steps = np.diff(stamps if both and clock == 'stamp' else logs)
         if clock == 'stamp' and not self.has_video:
             found = in_stamps & both
         found = found[np.argsort(np.argsort(integers(self.written), kind='stable'))]

@@ -71,7 +71,6 @@ class Track:
     partial: int
     left_out: int
     failed: int
-    offset_ns: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,12 +185,11 @@ def _track(samples: Samples, plan: Plan, name: str, count: int) -> Track:
     kept = usable[np.append(True, steps) if samples.has_video else np.append(steps, True)]
     return Track(
         topic=samples.topic, times=times[kept], messages=places[order][kept], values=values[kept],
-        oldest=since[kept], parts=parts,
-        logs=logs[order][kept], doubled=doubled[order][kept], step=step,
+        oldest=since[kept], parts=parts, logs=logs[order][kept],
+        doubled=doubled[order][kept], step=step,
         partial=len(complete) - len(usable), late=len(usable) - len(kept),
         left_out=samples.left_out + len(times) - len(complete),
-        failed=samples.damaged + max(0, count - samples.count),
-        offset_ns=int(np.median(logs[order] - times)))
+        failed=samples.damaged + max(0, count - samples.count))
 
 
 def read_recording(bag: Bag, plan: Plan) -> Recording:
