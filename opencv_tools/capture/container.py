@@ -30,6 +30,7 @@ from opencv_tools.video.settings import import_av, major_version
 
 # Options of FFmpeg for URLs as 'name;value|name;value', which OpenCV reads too, and its default.
 _VARIABLE = 'OPENCV_FFMPEG_CAPTURE_OPTIONS'
+_COVER = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 _DEFAULT = 'rtsp_transport;tcp'
 
 
@@ -53,7 +54,7 @@ def open_container(location: str, timeout: float | None = None) -> Any:
         metadata = {'metadata_errors': 'replace'} if major_version(av) < 19 else {}
         container = av.open(location if is_url else f'file:{location}', options=options,
                             timeout=timeout, **metadata)
-        context = container.streams.video[0].codec_context if container.streams.video else None
+        context = video_stream(container).codec_context if container.streams.video else None
         if context:
             check_size(context.width, context.height, MAX_PIXELS)
             context.options = {'max_pixels': str(MAX_PIXELS)}
@@ -68,6 +69,18 @@ def open_container(location: str, timeout: float | None = None) -> Any:
                        'it is damaged or not a video')
 
 
+def video_stream(container: Any) -> Any:
+    """Return the video that players show, such as the default one; with PyAV 12 the first one."""
+    streams = container.streams
+    return streams.best('video') if hasattr(streams, 'best') else streams.video[0]
+
+
+def count_videos(container: Any) -> int:
+    """Return the number of videos, without pictures of a cover."""
+    return sum(not getattr(stream, 'disposition', 0) & _COVER
+               for stream in container.streams.video)
+
+
 def stream_rate(stream: Any) -> float:
     """Return the frames per second of a stream of PyAV; 0.0 if the value is implausible."""
     rate = float(stream.average_rate or stream.guessed_rate or 0)
@@ -76,5 +89,5 @@ def stream_rate(stream: Any) -> float:
 
 def known_count(container: Any) -> int:
     """Return the number of frames by the header of a container; 0 if it is unknown."""
-    stream, length = container.streams.video[0], container.duration or 0
+    stream, length = video_stream(container), container.duration or 0
     return int(stream.frames or max(0, round(length / 1e6 * stream_rate(stream))))

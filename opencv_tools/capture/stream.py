@@ -24,7 +24,7 @@ import time
 from typing import Any, Literal, Protocol
 
 from opencv_tools.base.text import without_password
-from opencv_tools.capture.container import stream_rate
+from opencv_tools.capture.container import stream_rate, video_stream
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, live_frame
 from opencv_tools.capture.live_video import LiveVideo
@@ -57,7 +57,7 @@ class AvStream:
         :param container: the stream, as ``open_container`` returns it.
         :raises CaptureError: the header of the stream is damaged.
         """
-        self._container, self._stream = container, container.streams.video[0]
+        self._container, self._stream = container, video_stream(container)
         context = self._stream.codec_context
         self.needs_every = context.name == 'h264' and not context.has_b_frames
         self.rate = stream_rate(self._stream)

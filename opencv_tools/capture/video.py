@@ -23,7 +23,8 @@ from typing import Any, Literal
 
 import numpy as np
 from opencv_tools.base.text import MAX_PATH, printable, without_password
-from opencv_tools.capture.container import known_count, open_container, stream_rate
+from opencv_tools.capture.container import (
+    count_videos, known_count, open_container, stream_rate, video_stream)
 from opencv_tools.capture.declared_size import check_end
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame
@@ -58,7 +59,8 @@ class VideoSource:
         self._location, self._timeout = location, timeout
         self._av = import_av()
         self._container: Any = container
-        stream = container.streams.video[0]
+        self._is_avi, self._ticks = False, 0  # an AVI has no times of its last pictures
+        stream = video_stream(container)
         self.rate, self.count = stream_rate(stream), known_count(container)
         context = stream.codec_context
         self._size = context.width, context.height
@@ -96,8 +98,9 @@ class VideoSource:
         matrix = frame.side_data.get('DISPLAYMATRIX')
         if matrix:
             image = turn_upright(image, matrix_orientation(bytes(matrix)))
-        # An AVI with reordered frames (B frames) has no other times.
         ticks = frame.dts if frame.pts is None else frame.pts
+        if self._is_avi:  # it has no times of presentation, and those of PyAV step back
+            ticks = self._ticks = self._ticks + 1 if frame.dts is None else frame.dts
         position = None if ticks is None else float(
             (ticks - (self._stream.start_time or 0)) * frame.time_base)
         return CapturedFrame(image, encoding, position=position)
@@ -113,9 +116,10 @@ class VideoSource:
 
     def _begin(self) -> None:
         """Prepare to read the first packet, and find the warnings."""
-        self._stream = stream = self._container.streams.video[0]
+        self._stream = stream = video_stream(self._container)
         context = stream.codec_context
         self._is_ffv1 = context.name == 'ffv1'
+        self._is_avi = self._container.format.name == 'avi'
         # A picture of FFV1 is checked before it is decoded, and comes with its packet.
         stream.thread_type = 'SLICE' if self._is_ffv1 else 'AUTO'
         packets = self._container.demux(stream)
@@ -129,6 +133,10 @@ class VideoSource:
         # FFV1 before version 3 has no such data and no checksums.
         self._may_have_sums = self._is_ffv1 and self.is_deep and bool(context.extradata)
         self.warnings = []
+        count = count_videos(self._container)
+        if count > 1:
+            self.warnings += [f'{self.name} has {count} videos; that of {context.width}x'
+                              f'{context.height} is read']
         if self._pixels and not self.is_deep:
             self.warnings += [f'{self.name} has pixels of {self._pixels}, which are reduced to 8 '
                               'bits a channel; only gray videos keep more']

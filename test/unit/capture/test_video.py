@@ -26,6 +26,7 @@ import sys
 from threading import Thread
 
 import av
+from av.container.streams import StreamContainer
 from conftest import CLIP, decode_clip
 import cv2
 import numpy as np
@@ -108,6 +109,35 @@ def test_frames_before_the_begin_of_a_file(tmp_path: Path, first: int) -> None:
     positions = [frame.position for frame in frames_of(source)]  # nothing is called damaged
     assert len(positions) in (COUNT - first, COUNT)
     assert np.diff(positions) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize('codec', ['libx264', 'mpeg4'])
+@pytest.mark.parametrize('reordered', [0, 1, 3])
+def test_times_of_an_avi_with_reordered_frames(
+        tmp_path: Path, codec: str, reordered: int) -> None:
+    source = open_source(str(write_numbers(tmp_path / 'a.avi', codec, bf=str(reordered))))
+    positions = [frame.position for frame in frames_of(source)]
+    assert len(positions) == COUNT
+    assert np.diff(positions) == pytest.approx(0.04)
+
+
+@pytest.mark.skipif(not hasattr(StreamContainer, 'best'), reason='PyAV 12 knows no default')
+def test_default_one_of_several_videos(tmp_path: Path) -> None:
+    from av.stream import Disposition
+    path = tmp_path / 'two.mkv'
+    with av.open(str(path), 'w') as container:
+        streams = [container.add_stream('mpeg4', rate=25) for _ in range(3)]
+        for number, stream in enumerate(streams):
+            stream.width = stream.height = 32 * (number + 1)
+            stream.pix_fmt = 'yuv420p'
+            stream.disposition = Disposition.default if number == 1 else Disposition(0)
+        for stream in streams:
+            for _ in range(4):
+                container.mux(stream.encode(av.VideoFrame(stream.width, stream.height)))
+            container.mux(stream.encode(None))
+    source = open_source(str(path))
+    assert source.read().image.shape == (64, 64, 3)
+    assert source.warnings == [f'{path} has 3 videos; that of 64x64 is read']
 
 
 @pytest.mark.parametrize('matrix', TURNS)
