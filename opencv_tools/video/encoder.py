@@ -27,11 +27,12 @@ from opencv_tools.video.last_sets import LastSets
 from opencv_tools.video.packet import ENCODED, VideoPacket
 from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.video.pixels import to_i420
-from opencv_tools.video.settings import encoder_options, find_encoder, import_av, VideoSettings
+from opencv_tools.video.settings import (
+    encoder_options, find_encoder, import_av, NOMINAL_RATE, VideoSettings)
 
 _MAX_SIDE = 16384
 _MAX_RATE = 1000.0
-_DEFAULT_RATE = 30.0
+_TICK = Fraction(1, NOMINAL_RATE)
 _KEY_FRAME = 1  # AV_PICTURE_TYPE_I
 _TRIED_SIZE = 640, 480  # which all hardware encodes
 _PIXEL_FORMATS = ('yuv420p', 'nv12')
@@ -54,8 +55,7 @@ class VideoEncoder:
                              f'{_MAX_SIDE} pixels')
         self._size = width, height
         self._settings = settings
-        self._rate = Fraction(rate if 0 < rate <= _MAX_RATE else _DEFAULT_RATE
-                              ).limit_denominator(1001) or Fraction(1)
+        self._rate = rate if 0 < rate <= _MAX_RATE else NOMINAL_RATE
         self.codec, self._encoder = find_encoder(settings)
         self._number = 0
         self._last_ns: int | None = None
@@ -103,7 +103,7 @@ class VideoEncoder:
         frame = av.VideoFrame.from_ndarray(planes, format='yuv420p')
         if self._context.pix_fmt != frame.format.name:
             frame = frame.reformat(format=self._context.pix_fmt)
-        frame.pts, frame.time_base = self._number, 1 / self._rate
+        frame.pts, frame.time_base = self._number, _TICK
         frame.pict_type = _KEY_FRAME if is_key else 0
         self._number += 1
         try:
@@ -149,9 +149,9 @@ class VideoEncoder:
         context = av.CodecContext.create(self._encoder, 'w')
         context.width, context.height = width + width % 2, height + height % 2
         context.pix_fmt = next((name for name in _PIXEL_FORMATS if name in known), 'yuv420p')
-        context.framerate, context.time_base = self._rate, 1 / self._rate
+        context.framerate, context.time_base = NOMINAL_RATE, _TICK
         context.thread_type = 'SLICE'
-        context.options = encoder_options(self._settings, width, height, float(self._rate))
+        context.options = encoder_options(self._settings, width, height, self._rate)
         context.open()
         return context
 
@@ -167,4 +167,4 @@ def check_encoder(settings: VideoSettings, size: tuple[int, int] | None = None) 
         includes the remedy.
     """
     if size or settings.codec not in ENCODED:
-        VideoEncoder(settings, *(size or _TRIED_SIZE), _DEFAULT_RATE)
+        VideoEncoder(settings, *(size or _TRIED_SIZE), NOMINAL_RATE)

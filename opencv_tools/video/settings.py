@@ -44,6 +44,9 @@ _CODEC_REMEDY = f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such
 _MAX_QUALITY = 51
 _BIT_RATES = (10_000, 1_000_000_000)
 _MAX_KEY_INTERVAL = 3600.0
+_MOST_BITS = 2_000_000_000  # a second, of libx264
+#: Frames per second that all encoders are told.
+NOMINAL_RATE = 30
 _BITS_A_PIXEL = 0.1  # of encoders without a constant quality
 _ONE_THREAD_PIXELS = 1280 * 720  # up to this size more threads only cost more
 
@@ -181,7 +184,9 @@ def find_encoder(settings: VideoSettings) -> tuple[str, Any]:
 def encoder_options(settings: VideoSettings, width: int, height: int, rate: float,
                     ) -> dict[str, str]:
     """
-    Return the options of FFmpeg for an encoder without delay.
+    Return the options of FFmpeg for an encoder without delay, which counts `NOMINAL_RATE`.
+
+    So parameter sets do not depend on the rate of the frames.
 
     :param width: width of the picture in pixels.
     :param height: height of the picture in pixels.
@@ -196,14 +201,9 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
         options['preset'] = settings.preset or family.preset
     if family.quality and not settings.bit_rate:
         return {**options, family.quality: str(settings.quality), 'b': '0'}
-    bits = str(settings.bit_rate or max(_BIT_RATES[0], int(
-        _BITS_A_PIXEL * width * height * rate)))
-    return {**options, 'b': bits, 'maxrate': bits, 'bufsize': bits}
-
-
-def depends_on_rate(settings: VideoSettings) -> bool:
-    """Return whether the options of an encoder depend on the frames per second."""
-    return bool(settings.bit_rate) or not _family(settings).quality
+    bits = settings.bit_rate or max(_BIT_RATES[0], int(_BITS_A_PIXEL * width * height * rate))
+    told = str(min(_MOST_BITS, round(bits * NOMINAL_RATE / rate)))
+    return {**options, 'b': told, 'maxrate': told, 'bufsize': str(bits)}
 
 
 def _family(settings: VideoSettings) -> _Family:

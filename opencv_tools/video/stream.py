@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from itertools import takewhile
 import time
 from typing import Any
 
@@ -26,14 +27,16 @@ from opencv_tools.image.encodings import find_encoding
 from opencv_tools.image.errors import KeyFrameNeeded, VideoError
 from opencv_tools.video.encoder import VideoEncoder
 from opencv_tools.video.packet import VideoPacket
-from opencv_tools.video.settings import depends_on_rate, VideoSettings
+from opencv_tools.video.settings import NOMINAL_RATE, VideoSettings
 
 # A receiver may miss the first key frame, because it is not ready yet. It gets another one.
 _KEY_FRAMES = 2
 _KEY_SECONDS = 1.0  # between two requested key frames
-_ASSUMED_RATE = 30.0  # frames per second until they are measured, if nobody expects another
 # A first measurement, later ones, the frames that each needs and keeps, and their tolerance.
-_FIRST_SECONDS, _SECONDS, _MIN_FRAMES, _FRAMES, _TOLERANCE = 0.1, 2.0, 4, 16, 0.07
+_FIRST_SECONDS, _SECONDS, _MIN_FRAMES, _FRAMES, _TOLERANCE = 0.1, 2.0, 4, 16, 0.1
+# A rate that is twice as high is certain earlier, a lower one later: an encoder that is told too
+# few frames exceeds its bit rate, and each new one begins with a key frame.
+_RISE_FRAMES, _RISE_SECONDS, _RISE, _FALL_SECONDS = 6, 0.25, 2.0, 4.0
 _PAUSE = 4.0  # periods without a frame that are no part of the rate
 
 Picture = tuple[NDArray[Any], str] | VideoPacket
@@ -64,6 +67,8 @@ class VideoStream:
         self._clock = clock
         self._rate = 0.0  # frames per second; 0 before the first measurement
         self._times: deque[float] = deque()  # of the last frames
+        self._expected = self.expected_rate  # before which the rate was measured
+        self._fell_at = self._highest = 0.0  # of rates that are lower
 
     def encode(self, image: NDArray[Any], encoding: str, stamp_ns: int) -> VideoPacket:
         """
@@ -77,9 +82,9 @@ class VideoStream:
         """
         now = self.measure()
         needed = (self.settings, image.shape[1], find_encoding(encoding).height(image.shape[0]),
-                  self._rate or self.expected_rate or _ASSUMED_RATE)
+                  self._rate or self.expected_rate or NOMINAL_RATE)
         is_same = self._opened[:3] == needed[:3] and (
-            self._opened == needed or not depends_on_rate(self.settings))
+            self._opened == needed or not self.settings.bit_rate)
         if self._encoder is None or not is_same:
             self._encoder = VideoEncoder(*needed)
             self._opened = needed
@@ -101,10 +106,14 @@ class VideoStream:
         """
         Measure the rate by the time of a frame, and keep it until another one is certain.
 
-        ``encode`` calls it; frames that are not encoded can be measured, too.
+        It is the highest of the last seconds. ``encode`` calls this; frames that are not encoded
+        can be measured, too.
 
         :returns: the time of the frame.
         """
+        if self._expected != self.expected_rate:
+            self._expected, self._rate = self.expected_rate, 0.0
+            self._times.clear()
         now, times, known = self._clock(), self._times, self._rate or self.expected_rate
         if len(times) > 1 and now - times[-1] > _PAUSE * (times[-1] - times[0]) / (len(times) - 1):
             times.clear()
@@ -113,12 +122,19 @@ class VideoStream:
             times.popleft()
         seconds, count = now - times[0], len(times) - 1
         enough = (_SECONDS / 2, _FRAMES / 2) if known else (_FIRST_SECONDS, _MIN_FRAMES - 1)
-        if seconds >= enough[0] and count >= enough[1]:
-            rate = count / seconds
-            if abs(rate - known) > _TOLERANCE * known:
-                self._rate = rate
-                times.clear()
-                times.append(now)
+        rate = count / seconds if seconds >= enough[0] and count >= enough[1] else 0.0
+        if known and seconds >= _RISE_SECONDS:
+            latest = sum(1 for _ in takewhile(lambda at: now - at < _RISE_SECONDS,
+                                              reversed(times)))
+            if latest >= max(_RISE_FRAMES, _RISE * known * _RISE_SECONDS):
+                rate = latest / _RISE_SECONDS
+        self._highest = max(self._highest, rate)
+        if rate >= known * (1 - _TOLERANCE) or not rate:
+            self._fell_at, self._highest = now, rate
+        if rate > known * (1 + _TOLERANCE) or now > self._fell_at + _FALL_SECONDS:
+            self._rate, self._fell_at, self._highest = self._highest, now, 0.0
+            times.clear()
+            times.append(now)
         return now
 
     def packet(self, picture: Picture, stamp_ns: int) -> VideoPacket:

@@ -17,6 +17,8 @@
 from __future__ import annotations
 
 import numpy as np
+from opencv_tools.video.encoder import VideoEncoder
+from opencv_tools.video.parameter_sets import parameter_sets
 from opencv_tools.video.settings import VideoSettings
 from opencv_tools.video.stream import VideoStream
 import pytest
@@ -107,3 +109,57 @@ def test_wrong_expected_rate_is_corrected_after_a_second() -> None:
     sizes = bits(stream, [number / 7 for number in range(140)], clock)
     assert sum(size for seconds, size in sizes if 2 <= seconds < 20) / 18 == pytest.approx(
         BITS, rel=0.15)
+
+
+def alternating(rates: tuple[int, int], seconds: int) -> list[float]:
+    """Return times of frames whose rate changes each second."""
+    times = [0.0]
+    while times[-1] < seconds:
+        times.append(times[-1] + 1 / rates[int(times[-1]) % 2])
+    return times
+
+
+@every_codec
+@pytest.mark.parametrize('rates', [(6, 30), (10, 20), (90, 25)])
+def test_bit_rate_of_a_rate_that_varies(codec: str, rates: tuple[int, int]) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(codec=codec, bit_rate=BITS), lambda: clock[0])
+    stream.expected_rate = sum(rates) / 2
+    sizes, encoders = [], set()
+    for at in alternating(rates, 14):
+        sizes += bits(stream, [at], clock)
+        encoders.add(stream._encoder)
+    assert len(encoders) <= 6  # of 14 changes
+    assert 0.3 * BITS < sum(size for _, size in sizes) / 14 < 1.15 * BITS
+    assert max(sum(size for at, size in sizes if int(at) == second)
+               for second in range(1, 14)) < 2 * BITS
+
+
+@pytest.mark.parametrize(('before', 'after', 'most'), [(10, 30, 3), (5, 100, 7), (5, 28, 5)])
+def test_rate_that_rises_is_noticed_within_half_a_second(
+        before: int, after: int, most: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    stream.expected_rate = before
+    bits(stream, [number / before for number in range(5 * before)], clock)
+    sizes = bits(stream, [5 + number / after for number in range(after)], clock)
+    assert sum(size for _, size in sizes) < most * BITS
+
+
+@pytest.mark.parametrize(('before', 'after'), [(10, 30), (5, 100), (60, 7)])
+def test_rate_that_is_told_holds_at_once(before: int, after: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    stream.expected_rate = before
+    bits(stream, [number / before for number in range(5 * before)], clock)
+    stream.expected_rate = after
+    sizes = bits(stream, [5 + number / after for number in range(4 * after)], clock)
+    assert sum(size for _, size in sizes) / 4 == pytest.approx(BITS, rel=0.2)
+
+
+@every_codec
+def test_parameter_sets_do_not_depend_on_the_rate(codec: str) -> None:
+    settings = VideoSettings(codec=codec, bit_rate=BITS)
+    image = np.zeros((480, 640, 3), np.uint8)
+    assert len({parameter_sets(codec, VideoEncoder(settings, 640, 480, rate).encode(
+        image, 'bgr8', 0).data) for rate in (5, 17, 30, 120)}) == 1
