@@ -184,8 +184,8 @@ def test_another_encoder_is_the_reason_of_another_video(
     recorder = start('img_subscriber', transport='video', output_dir=tmp_path / 'out',
                      file_name='a.mkv', max_frames=2 * COUNT)
     packets = []
-    for rate in (30.0, 20.0):
-        encoder = VideoEncoder(VideoSettings(bit_rate=200_000), 48, 32, rate)
+    for preset in ('superfast', 'ultrafast'):
+        encoder = VideoEncoder(VideoSettings(preset=preset), 48, 32, 30.0)
         packets += [encoder.encode(np.full((32, 48), number, np.uint8), 'mono8', number * MS)
                     for number in range(COUNT)]
     sender.send(*(video_message(FFMPEG_PACKET, packet, number, 40 * MS)

@@ -295,7 +295,7 @@ class VideoFormat(FileFormat[VideoFile[Any], _Prepared]):
                 f'their codec changed from {codec} to {prepared.codec}'
                 if codec != prepared.codec else
                 'the publisher of the video has opened its encoder anew, as after a change of its '
-                'settings or of the rate of the frames'
+                'settings'
                 if isinstance(prepared, PreparedPacket) else 'the encoding of the frames changed')
         if self._changes < _MANY_CHANGES:
             self.warning = f'another video, {name}, begins: {what}'
