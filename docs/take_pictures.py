@@ -28,6 +28,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from threading import Thread
 import time
 
 import cv2
@@ -35,17 +36,21 @@ import numpy as np
 from opencv_tools.cv_bridge import CvBridge
 import rclpy
 from rclpy.node import Node
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / 'docs' / 'images'
 sys.path.append(str(ROOT / 'test' / 'support'))
-from chromium import new_browser, Page  # noqa: E402, I100
+from chromium import Browser, new_browser, Page  # noqa: E402, I100
+from detections import Detector  # noqa: E402, I100
+from shown_boards import BOARD, held_board, RATE as BOARD_RATE, write_former  # noqa: E402, I100
 
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
 CAMERAS = ('/front/image_raw', '/left/image_raw', '/rear/image_raw')
 DEPTH = '/front/depth/image_raw'
 RATE = 10.0
+SCENE, SCENE_FRAME = '/garden', 5
+OVERLAYS = f'?topic={SCENE}/image_raw&boxes={SCENE}/detections&center=true&outline=true&grid=2'
 #: Name, address, width, height, and what is done in the page before the picture is taken.
 PICTURES = (
     ('viewer.jpg', '', 1120, 800, ''),
@@ -53,8 +58,12 @@ PICTURES = (
      'document.querySelector(".tile:not([hidden]) [data-look=histogram]").click()'),
     ('viewer_depth.jpg', f'?topic={DEPTH}', 1280, 800, ''),
     ('viewer_graph.jpg', 'graph', 1280, 800, ''),
+    ('viewer_overlays.jpg', OVERLAYS, 1280, 800, ''),
 )
 SECONDS = 6.0  # until rates and curves are there
+#: Middle, width, height and angle of the boxes in the frame of the scene, with name and score.
+BOXES = ((296, 407, 483, 332, 0.0, 'rabbit', 0.93), (1039, 350, 430, 190, 0.06, 'rock', 0.61))
+VIEWS = 14  # of the board, in the picture of a calibration
 
 
 def read_frames() -> list[np.ndarray]:
@@ -75,9 +84,8 @@ def depth_image(width: int = 640, height: int = 360) -> np.ndarray:
     return depth.astype(np.uint16)
 
 
-@contextmanager
-def publishing(node: Node) -> Iterator[Callable[[float], None]]:
-    """Yield a function that publishes all topics for some seconds."""
+def publish_cameras(node: Node) -> Callable[[float], None]:
+    """Return a function that publishes all cameras for some seconds."""
     frames, bridge = read_frames(), CvBridge()
     publishers = {name: node.create_publisher(Image, name, 10) for name in (*CAMERAS, DEPTH)}
     count = 0
@@ -96,7 +104,78 @@ def publishing(node: Node) -> Iterator[Callable[[float], None]]:
             count += 1
             time.sleep(1 / RATE)
 
-    yield publish
+    return publish
+
+
+def publish_scene(node: Node) -> Callable[[float], None]:
+    """Return a function that publishes a picture with boxes and a calibration for some seconds."""
+    frame, bridge = read_frames()[SCENE_FRAME], CvBridge()
+    images = node.create_publisher(Image, f'{SCENE}/image_raw', 10)
+    infos = node.create_publisher(CameraInfo, f'{SCENE}/camera_info', 10)
+    detector = Detector(node, f'{SCENE}/detections')
+    matrix = [900.0, 0.0, 648.0, 0.0, 900.0, 355.0, 0.0, 0.0, 1.0]
+    info = CameraInfo(width=1280, height=720, distortion_model='plumb_bob', k=matrix,
+                      d=[-0.28, 0.07, 0.0, 0.0, 0.0], r=np.eye(3).ravel(),
+                      p=[*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0])
+
+    def publish(seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            now = node.get_clock().now()
+            message = bridge.cv2_to_imgmsg(frame, 'bgr8')
+            message.header.stamp = info.header.stamp = now.to_msg()
+            infos.publish(info)
+            images.publish(message)
+            detector.publish(now.nanoseconds, BOXES)
+            time.sleep(1 / RATE)
+
+    return publish
+
+
+def take_calibration(browser: Browser) -> None:
+    """Write a picture of a calibration whose views are there."""
+    with tempfile.TemporaryDirectory() as folder, viewing('control:=true') as url:
+        held_board(Path(folder) / 'board', VIEWS)
+        former = write_former(Path(folder) / 'former.yaml', 400.0)
+        camera = subprocess.Popen([
+            'img_publisher', '--ros-args', '-p', f'source:={folder}/board', '-p', 'loop:=0', '-p',
+            f'publish_rate:={BOARD_RATE}', '-p', f'camera_info_url:={former}'],
+            stderr=subprocess.DEVNULL)
+        try:
+            page = browser.new_page(url, 1280, 800)  # with its token
+            page.prefer('light')
+            page.wait_for('document.querySelector(".tile") !== null')
+            page.go(f'{url.partition("?")[0]}calibrate?topic=/video_frames')
+            page.wait_for('document.getElementById("board-text")?.value')
+            page.evaluate('{ const field = document.getElementById("board-text"); field.focus(); '
+                          f'field.value = {BOARD!r}; field.dispatchEvent(new Event("input")); }}')
+            page.press('Enter')
+            page.wait_for('document.querySelectorAll("#list li").length >= 8')
+            page.screenshot(IMAGES / 'calibrate.jpg')
+            print('docs/images/calibrate.jpg')
+        finally:
+            camera.terminate()
+            camera.wait()
+
+
+@contextmanager
+def viewing(*parameters: str) -> Iterator[str]:
+    """Start a viewer, and yield the address of its pages."""
+    with tempfile.TemporaryFile('w+') as log:
+        viewer = subprocess.Popen(['img_viewer', '--ros-args', *(
+            word for one in ('port:=0', *parameters) for word in ('-p', one))], stderr=log)
+        try:
+            found = None
+            while not found:
+                if viewer.poll() is not None:
+                    raise RuntimeError('img_viewer has ended')
+                time.sleep(0.2)
+                log.seek(0)
+                found = re.search(r'Open (\S+) in a browser', log.read())
+            yield found[1]
+        finally:
+            viewer.terminate()
+            viewer.wait()
 
 
 def take(page: Page, publish: Callable[[float], None], file: Path, script: str) -> None:
@@ -107,7 +186,11 @@ def take(page: Page, publish: Callable[[float], None], file: Path, script: str) 
         publish(SECONDS / 2)
     page.evaluate('if (document.title.startsWith("Cameras of")) '
                   'document.getElementById("title").textContent = "Cameras of robot"; true')
+    publishing = Thread(target=publish, args=(SECONDS,))  # a picture without new ones is gray
+    publishing.start()
+    time.sleep(SECONDS / 4)
     page.screenshot(file)
+    publishing.join()
     print(f'{file.relative_to(ROOT)}')
 
 
@@ -116,26 +199,20 @@ def main() -> int:
     os.environ.update(ROS_DOMAIN_ID='93', ROS_AUTOMATIC_DISCOVERY_RANGE='LOCALHOST')
     rclpy.init()
     node = rclpy.create_node('robot')
-    with tempfile.TemporaryFile('w+') as log:
-        viewer = subprocess.Popen(['img_viewer', '--ros-args', '-p', 'port:=0'], stderr=log)
-        try:
-            with publishing(node) as publish, new_browser() as browser:
-                found = None
-                while not found and viewer.poll() is None:
-                    publish(0.2)
-                    log.seek(0)
-                    found = re.search(r'Open (\S+) in a browser', log.read())
-                if not found:
-                    return 1
-                for name, path, width, height, script in PICTURES:
-                    page = browser.new_page(found[1] + path, width, height)
-                    page.prefer('light')
-                    take(page, publish, IMAGES / name, script)
-                    page.close()
-        finally:
-            viewer.terminate()
-            viewer.wait()
-            rclpy.shutdown()
+    try:
+        with viewing() as url, new_browser() as browser:
+            publish = publish_cameras(node)
+            for name, path, width, height, script in PICTURES:
+                if path == OVERLAYS:  # the last one; the others do not show this topic
+                    publish = publish_scene(node)
+                publish(SECONDS)  # the topics are known
+                page = browser.new_page(url + path, width, height)
+                page.prefer('light')
+                take(page, publish, IMAGES / name, script)
+                page.close()
+            take_calibration(browser)
+    finally:
+        rclpy.shutdown()
     return 0
 
 
