@@ -25,7 +25,7 @@ from test_page_live_robot import browser, robot  # noqa: F401
 
 pytest_plugins = ['pages']
 
-STAGE = 'document.querySelector(".robot iframe").contentWindow?.robotView?.stage'
+STAGE = 'document.querySelector(".robot iframe")?.contentWindow?.robotView?.stage'
 HELD = 'document.querySelector(".robot iframe").dataset.held'
 REASON = 'document.querySelector(".robot .reason")'
 #: Keeps the delays of this machine, so that only those of a test reach the tile of the robot.

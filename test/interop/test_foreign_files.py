@@ -157,7 +157,7 @@ def test_file_of_ffmpeg(tmp_path: Path, name: str) -> None:
         assert len(images) == len(times) > 4
         known = ~np.isnan(times)  # the last ones of an AVI with reordered frames have none
         assert np.diff(np.array(positions)[known]) == pytest.approx(
-            np.diff(times[known]), abs=2e-3)
+            np.diff(np.array(times)[known]), abs=2e-3)
         assert np.diff(positions).min() > 0
         if images[0].dtype != np.uint8:  # of depth
             continue
