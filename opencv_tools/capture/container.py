@@ -30,8 +30,8 @@ from opencv_tools.video.settings import import_av, major_version
 
 # Options of FFmpeg for URLs as 'name;value|name;value', which OpenCV reads too, and its default.
 _VARIABLE = 'OPENCV_FFMPEG_CAPTURE_OPTIONS'
-_COVER = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 _DEFAULT = 'rtsp_transport;tcp'
+_COVER = 0x400  # AV_DISPOSITION_ATTACHED_PIC
 
 
 def open_container(location: str, timeout: float | None = None) -> Any:

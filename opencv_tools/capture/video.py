@@ -59,7 +59,8 @@ class VideoSource:
         self._location, self._timeout = location, timeout
         self._av = import_av()
         self._container: Any = container
-        self._is_avi, self._ticks = False, 0  # an AVI has no times of its last pictures
+        self._is_avi = container.format.name == 'avi'
+        self._ticks = 0  # of an AVI, whose last pictures have no times
         stream = video_stream(container)
         self.rate, self.count = stream_rate(stream), known_count(container)
         context = stream.codec_context
@@ -119,7 +120,6 @@ class VideoSource:
         self._stream = stream = video_stream(self._container)
         context = stream.codec_context
         self._is_ffv1 = context.name == 'ffv1'
-        self._is_avi = self._container.format.name == 'avi'
         # A picture of FFV1 is checked before it is decoded, and comes with its packet.
         stream.thread_type = 'SLICE' if self._is_ffv1 else 'AUTO'
         packets = self._container.demux(stream)
