@@ -85,7 +85,11 @@ def is_camera(text: str) -> bool:
 
 def names_bag(text: str) -> bool:
     """Return whether a source is a bag, which may not exist."""
-    return not (is_pattern(text) or _is_url(text)) and is_bag(_path(text))
+    if is_pattern(text) or _is_url(text):
+        return False
+    path = _path(text)
+    matches = _matches(path)
+    return is_bag(path) or (bool(matches) and all(map(is_bag, matches)))
 
 
 def describe_opening(text: str) -> str:
@@ -183,8 +187,7 @@ def _open_path(path: Path, bag_topic: str | None) -> Source:
     try:
         mode = path.stat().st_mode
     except OSError as err:
-        # A broken link matches its own name.
-        matches = [Path(match) for match in glob.glob(str(path)) if match != str(path)]
+        matches = _matches(path)
         if matches and all(map(is_bag, matches)):
             return BagSource(path, bag_topic, matches)
         if matches:
@@ -208,6 +211,11 @@ def _open_path(path: Path, bag_topic: str | None) -> Source:
     except VideoError:  # no PyAV
         warning = check_pictures(str(path)) if stat.S_ISREG(mode) else ''
         return OpenCvVideo(str(path), open_video(str(path)), warning)
+
+
+def _matches(path: Path) -> list[Path]:
+    """Return the files that a glob pattern matches; none for a path, also of a broken link."""
+    return [Path(match) for match in glob.glob(str(path)) if match != str(path)]
 
 
 def _open_folder(path: Path) -> ImageFileSource:

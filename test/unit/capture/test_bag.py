@@ -484,6 +484,14 @@ def test_text_that_names_a_bag(text: str, expected: bool) -> None:
     assert names_bag(text) == expected
 
 
+def test_pattern_names_a_bag_by_the_files_that_it_matches(tmp_path: Path) -> None:
+    for name in ('d_0.mcap', 'd_1.mcap.zstd', 'e_0.mcap', 'e_0.png'):
+        (tmp_path / name).touch()
+    assert names_bag(f'{tmp_path}/d_*')
+    assert not names_bag(f'{tmp_path}/e_*')
+    assert not names_bag(f'{tmp_path}/f_*')
+
+
 def test_times_near_zero_and_the_end_of_time(tmp_path: Path) -> None:
     entries = [image_entry(number)._replace(log_ns=log_ns)
                for number, log_ns in enumerate((0, 5, 2**63 - 1))]
