@@ -32,9 +32,12 @@ from opencv_tools.image.orientation import matrix_orientation, turn_upright
 from opencv_tools.video.lossless import (
     describe_tags, has_no_sums, has_valid_sums, tagged_encoding)
 from opencv_tools.video.pixels import to_bgr
-from opencv_tools.video.settings import import_av
+from opencv_tools.video.settings import import_av, NOMINAL_RATE
 
 _GRAY = re.compile('gray[0-9]+[bl]e')
+# Formats of broadcasts, whose clock may begin again, and the seconds that are such a step, as in
+# the ffmpeg command.
+_MAY_STEP, _MOST_BACK, _MOST_AHEAD = 0x200, 0.1, 10.0  # AVFMT_TS_DISCONT
 
 
 class VideoSource:
@@ -60,6 +63,9 @@ class VideoSource:
         self._av = import_av()
         self._container: Any = container
         self._is_avi = container.format.name == 'avi'
+        self._may_step = bool(container.format.flags & _MAY_STEP)
+        self._shift: float  # of the clock, in seconds
+        self._position: float | None  # the last time
         self._ticks = 0  # of an AVI, whose last pictures have no times
         stream = video_stream(container)
         self.rate, self.count = stream_rate(stream), known_count(container)
@@ -102,8 +108,8 @@ class VideoSource:
         ticks = frame.dts if frame.pts is None else frame.pts
         if self._is_avi:  # it has no times of presentation, and those of PyAV step back
             ticks = self._ticks = self._ticks + 1 if frame.dts is None else frame.dts
-        position = None if ticks is None else float(
-            (ticks - (self._stream.start_time or 0)) * frame.time_base)
+        position = None if ticks is None else self._in_order(float(
+            (ticks - (self._stream.start_time or 0)) * frame.time_base))
         return CapturedFrame(image, encoding, position=position)
 
     def rewind(self) -> None:
@@ -114,6 +120,16 @@ class VideoSource:
 
     def close(self) -> None:
         self._container.close()
+
+    def _in_order(self, position: float) -> float:
+        """Return a time in seconds, as if the clock of the file had not stepped."""
+        position += self._shift
+        step = position - (position if self._position is None else self._position)
+        if self._may_step and not -_MOST_BACK <= step <= _MOST_AHEAD:
+            correction = 1 / (self.rate or NOMINAL_RATE) - step
+            self._shift, position = self._shift + correction, position + correction
+        self._position = position
+        return position
 
     def _begin(self) -> None:
         """Prepare to read the first packet, and find the warnings."""
@@ -129,6 +145,7 @@ class VideoSource:
             raise CaptureError(f'{self.name} cannot be read: {err}') from err
         self._packets, self._decoded = chain((first,), packets), deque[Any]()
         self._number = 0
+        self._shift, self._position = 0.0, None
         self._needs_key = self._is_checked = False
         # FFV1 before version 3 has no such data and no checksums.
         self._may_have_sums = self._is_ffv1 and self.is_deep and bool(context.extradata)
@@ -137,6 +154,10 @@ class VideoSource:
         if count > 1:
             self.warnings += [f'{self.name} has {count} videos; that of {context.width}x'
                               f'{context.height} is read']
+        # FFmpeg's own decoders of VP8 and VP9 leave out an alpha that is a video of its own.
+        if stream.metadata.get('alpha_mode') == '1' or any(
+                one.is_alpha for one in (context.format.components if context.format else ())):
+            self.warnings += [f'{self.name} has an alpha channel, which is dropped']
         if self._pixels and not self.is_deep:
             self.warnings += [f'{self.name} has pixels of {self._pixels}, which are reduced to 8 '
                               'bits a channel; only gray videos keep more']

@@ -62,7 +62,7 @@ def write_numbers(path: Path, codec: str = 'libx264', first: int = 0, **options:
     """
     Write pictures that grow brighter, and the index of an MP4 file before them.
 
-    :param first: number of the pictures before the begin of the file.
+    :param first: number of the pictures before the begin of the file; below 0 it begins later.
     """
     width, height = SIDES
     shown = np.linspace(30, 90, width, dtype=np.uint8)[None].repeat(height, 0)
@@ -109,6 +109,49 @@ def test_frames_before_the_begin_of_a_file(tmp_path: Path, first: int) -> None:
     positions = [frame.position for frame in frames_of(source)]  # nothing is called damaged
     assert len(positions) in (COUNT - first, COUNT)
     assert np.diff(positions) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize('seconds', [(0, 0), (300, 0), (0, 300)])
+def test_times_where_the_clock_of_a_file_steps(tmp_path: Path, seconds: tuple[int, ...]) -> None:
+    parts = [write_numbers(tmp_path / f'{index}.ts', first=-25 * begin, bf='2').read_bytes()
+             for index, begin in enumerate(seconds)]
+    path = tmp_path / 'both.ts'
+    path.write_bytes(b''.join(parts))
+    source = open_source(str(path))
+    for _ in range(2):
+        positions = [frame.position for frame in frames_of(source)]
+        assert len(positions) == 2 * COUNT
+        assert np.diff(positions) == pytest.approx(0.04)
+        source.rewind()
+
+
+def test_time_without_frames_in_a_file_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / 'pause.mkv'
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream('mpeg4', rate=25)
+        for seconds in (0, 1, 61):
+            frame = av.VideoFrame(stream.width, stream.height)
+            frame.pts, frame.time_base = 25 * seconds, Fraction(1, 25)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    source = open_source(str(path))
+    assert [frame.position for frame in frames_of(source)] == [0.0, 1.0, 61.0]
+
+
+@pytest.mark.parametrize(('name', 'codec', 'pixels', 'is_said'), [
+    ('a.mkv', 'ffv1', 'bgra', True), ('a.webm', 'libvpx', 'yuva420p', True),
+    ('a.mkv', 'ffv1', 'yuv420p', False), ('a.webm', 'libvpx', 'yuv420p', False)])
+def test_alpha_that_is_dropped(
+        tmp_path: Path, name: str, codec: str, pixels: str, is_said: bool) -> None:
+    path = tmp_path / name
+    with av.open(str(path), 'w') as container:
+        stream = container.add_stream(
+            codec, rate=25, options={'auto-alt-ref': '0'} if codec == 'libvpx' else {})
+        stream.width, stream.height, stream.pix_fmt = *SIDES, pixels
+        container.mux(stream.encode(av.VideoFrame(*SIDES, pixels)))
+        container.mux(stream.encode(None))
+    assert open_source(str(path)).warnings == is_said * [
+        f'{path} has an alpha channel, which is dropped']
 
 
 @pytest.mark.parametrize('codec', ['libx264', 'mpeg4'])
