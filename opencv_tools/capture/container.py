@@ -46,6 +46,7 @@ def open_container(location: str, timeout: float | None = None) -> Any:
     """
     av = import_av()
     is_url, options = '://' in location, {}
+    shown = printable(without_password(location), MAX_PATH)
     if is_url:
         pairs = (pair.partition(';') for pair in os.environ.get(_VARIABLE, _DEFAULT).split('|'))
         options = {name: value for name, _, value in pairs if name}
@@ -54,19 +55,19 @@ def open_container(location: str, timeout: float | None = None) -> Any:
         metadata = {'metadata_errors': 'replace'} if major_version(av) < 19 else {}
         container = av.open(location if is_url else f'file:{location}', options=options,
                             timeout=timeout, **metadata)
-        context = video_stream(container).codec_context if container.streams.video else None
+        if not container.streams.video:
+            raise CaptureError(f'{shown} has no video stream')
+        context = video_stream(container).codec_context
         if context:
             check_size(context.width, context.height, MAX_PIXELS)
             context.options = {'max_pixels': str(MAX_PIXELS)}
             return container
     except SizeError as err:
-        shown = printable(without_password(location), MAX_PATH)
         raise CaptureError(f'{shown} cannot be read: {err}') from err
     except (av.error.FFmpegError, OSError, ValueError):
         pass  # the reason is the same
     raise CaptureError(describe_failure(location) if is_url else
-                       f'{printable(location, MAX_PATH)} cannot be opened as a video: '
-                       'it is damaged or not a video')
+                       f'{shown} cannot be opened as a video: it is damaged or not a video')
 
 
 def video_stream(container: Any) -> Any:

@@ -24,6 +24,7 @@ import socket
 import struct
 import sys
 from threading import Thread
+import wave
 
 import av
 from av.container.streams import StreamContainer
@@ -152,6 +153,17 @@ def test_alpha_that_is_dropped(
         container.mux(stream.encode(None))
     assert open_source(str(path)).warnings == is_said * [
         f'{path} has an alpha channel, which is dropped']
+
+
+def test_file_with_sound_alone(tmp_path: Path) -> None:
+    path = tmp_path / 'sound.wav'
+    with wave.open(str(path), 'wb') as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(2)
+        sound.setframerate(8000)
+        sound.writeframes(bytes(8000))
+    with pytest.raises(CaptureError, match=r'sound\.wav has no video stream$'):
+        open_source(str(path))
 
 
 @pytest.mark.parametrize('codec', ['libx264', 'mpeg4'])
