@@ -17,7 +17,8 @@ Age of the pictures of the viewer in a browser, from the publisher's stamp to pi
 
 The stamp is read from the pixels. The page and MJPEG in ``<img>`` of the same server are measured
 in turn. The page reports each picture that it has drawn. An ``<img>`` reports nothing, and is read
-every 4 ms. Then the page is at the end of a link of 8 Mbit/s, beside a page on a quick link.
+every 4 ms. Then the page of all topics shows a robot of moving links beside the camera, and does
+not, in turn. Then the page is at the end of a link of 8 Mbit/s, beside a page on a quick link.
 """
 
 from __future__ import annotations
@@ -40,12 +41,14 @@ from node_process import enter_domain, NAMESPACE
 import numpy as np
 from opencv_tools.frames import FrameNode, main as run_node
 from opencv_tools.video.settings import VideoSettings
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / 'test' / 'support'))
 from chromium import BROWSER, Browser, new_browser, Page, wait_until  # noqa: E402, I100
 from hosts import linked_hosts  # noqa: E402
-from std_msgs.msg import Header  # noqa: E402
+from sensor_msgs.msg import JointState  # noqa: E402
+from std_msgs.msg import Header, String  # noqa: E402
 
 CLIP = ROOT / 'test' / 'data' / 'big_buck_bunny_720p.mp4'
 RATE = 30.0
@@ -55,6 +58,9 @@ SETTLE_SECONDS = 3.0
 BITS = 16  # of a stamp in ms, as squares in the upper rows of a frame
 SQUARE = 80  # pixels
 TURN_MS = 1 << BITS
+ROBOTS = (30, 300)  # moving links
+ROBOT_ROUNDS = 3
+ROBOT_RATIO = 1.2  # goal
 
 # Reads the stamp from an element that shows frames, and notes the age when the stamp is new.
 _WATCH = """
@@ -107,6 +113,32 @@ class Camera(FrameNode):
         bits = now.nanoseconds // 1_000_000 % TURN_MS >> np.arange(BITS) & 1
         image[:SQUARE, :BITS * SQUARE] = np.repeat(255 * bits, SQUARE)[None, :, None]
         self._publisher.publish(image, Header(stamp=now.to_msg()))
+
+
+class Robot(FrameNode):
+    """Publish a robot whose joints all move."""
+
+    def __init__(self, links: int) -> None:
+        """Publish its description."""
+        super().__init__('robot')
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._description = self.create_publisher(
+            String, '/robot_description', latched)
+        self._states = self.create_publisher(JointState, '/joint_states', 10)
+        self._names = [f'j{number}' for number in range(1, links)]
+        sphere = '<visual><geometry><sphere radius="0.05"/></geometry></visual>'
+        self._description.publish(String(data='<robot name="chain">' + ''.join(
+            f'<link name="l{number}">{sphere}</link>' for number in range(links)) + ''.join(
+            f'<joint name="j{number}" type="continuous"><parent link="l{number - 1}"/>'
+            f'<child link="l{number}"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/></joint>'
+            for number in range(1, links)) + '</robot>'))
+        self.create_timer(1 / RATE, self._move)
+
+    def _move(self) -> None:
+        now = self.get_clock().now()
+        angle = float(np.sin(now.nanoseconds / 1e9)) / 50
+        self._states.publish(JointState(header=Header(stamp=now.to_msg()), name=self._names,
+                                        position=[angle] * len(self._names)))
 
 
 @contextmanager
@@ -185,6 +217,31 @@ def measure_ages(folder: Path, seconds: float) -> list[Figure]:
             Figure('viewer_page', 'MJPEG to page, p50', float(mjpeg50 / p50), 'x')]
 
 
+def measure_robot(folder: Path, seconds: float) -> Iterator[Figure]:
+    """Measure the ages beside a robot that is shown, and that is hidden, in turn."""
+    for links in ROBOTS:
+        ages: dict[str, list[np.ndarray]] = {'shown': [], 'hidden': []}
+        elapsed = dict.fromkeys(ages, 0.0)
+        with camera_and_viewer(folder, '127.0.0.1') as url, \
+                started(folder, sys.executable, str(Path(__file__)), '--robot', str(links)), \
+                new_browser(script=_WATCH) as browser:
+            address, _, token = url.partition('?')
+            for _ in range(ROBOT_ROUNDS):
+                for robot, found in ages.items():
+                    page = browser.new_page(f'{address}?robot={robot}&{token}', 1440, 900)
+                    begin = time.monotonic() + SETTLE_SECONDS
+                    found.append(watch(page, CANVAS, seconds))
+                    elapsed[robot] += time.monotonic() - begin  # a busy page answers late
+                    page.close()
+        for robot, found in ages.items():
+            print(describe(f'robot of {links} links, {robot}', np.concatenate(found),
+                           elapsed[robot]))
+        shown, hidden = (np.median(np.concatenate(found)) for found in ages.values())
+        yield Figure('viewer_page', f'age beside a robot of {links} links to that without, p50',
+                     float(shown / hidden), 'x', f'at most {ROBOT_RATIO:g}',
+                     bool(shown / hidden <= ROBOT_RATIO))
+
+
 def measure_slow_link(folder: Path, seconds: float) -> list[Figure]:
     """Measure the ages at the end of a slow link, beside a page on a quick link."""
     with ExitStack() as stack:
@@ -216,14 +273,17 @@ def measure_slow_link(folder: Path, seconds: float) -> list[Figure]:
 
 
 def main() -> int:
-    """Print the figures; publish the frames for ``--publish``."""
+    """Print the figures; publish the frames for ``--publish``, a robot for ``--robot``."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=20.0, help='of each measurement')
     parser.add_argument('--publish', metavar='TOPIC', help=argparse.SUPPRESS)
+    parser.add_argument('--robot', metavar='LINKS', type=int, help=argparse.SUPPRESS)
     add_json_option(parser)
     options = parser.parse_args()
     if options.publish:
         return run_node(lambda: Camera(options.publish), sys.argv[:1])
+    if options.robot:
+        return run_node(lambda: Robot(options.robot), sys.argv[:1])
     enter_domain()
     os.environ['PATH'] += ':/usr/sbin:/sbin'  # where Debian keeps tc
     figures = []
@@ -232,6 +292,7 @@ def main() -> int:
             print(f'{BROWSER} is missing: sudo apt install {BROWSER}')
         else:
             figures += measure_ages(Path(folder), options.seconds)
+            figures += measure_robot(Path(folder), options.seconds / 4)
             if os.geteuid() == 0 and shutil.which('tc'):
                 figures += measure_slow_link(Path(folder), options.seconds)
             else:
