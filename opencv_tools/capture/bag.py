@@ -131,6 +131,8 @@ class BagSource:
             raise BrokenFrameError(f'{self.name}: a message of {printable(self.topic.name)} '
                                    f'cannot be read: {err}') from err
 
+    read_ahead = read
+
     def rewind(self) -> None:
         self.close()
         self._play += 1

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol, TypeAlias
 
@@ -78,8 +78,7 @@ class CapturedFrame:
     """
     One captured image.
 
-    :param image: immutable (h, w) or (h, w, c) array of any byte order; for ``JPEG`` and ``VIDEO``
-        frames the compressed bytes, (n,) uint8. That of a camera is valid until the next frame.
+    :param pixels: the image, or a function that returns it, always the same one; see `image`.
     :param encoding: sensor_msgs/Image encoding of the image, such as ``'bgr8'``, or ``JPEG``
         or ``VIDEO``.
     :param stamp_ns: capture time in nanoseconds of CLOCK_MONOTONIC. For a frame of a file, the
@@ -91,13 +90,25 @@ class CapturedFrame:
         due is only passed on.
     """
 
-    image: NDArray[Any]
+    pixels: NDArray[Any] | Callable[[], NDArray[Any]]
     encoding: str
     stamp_ns: int = 0
     position: float | None = None
     recorded: Recorded | None = None
     video: LivePicture | None = None
     is_due: bool = True
+
+    @property
+    def image(self) -> NDArray[Any]:
+        """
+        Immutable (h, w) or (h, w, c) array of any byte order, decoded when it is used first.
+
+        For ``JPEG`` and ``VIDEO`` frames it has the compressed bytes, (n,) uint8. That of a camera
+        is valid until the next frame.
+
+        :raises BrokenFrameError: a frame of ``read_ahead`` cannot be decoded.
+        """
+        return self.pixels() if callable(self.pixels) else self.pixels
 
     @property
     def is_video(self) -> bool:
@@ -159,6 +170,15 @@ class FileSource(_Readable, Protocol):
 
         :returns: the frame, or None at the end of the source.
         :raises BrokenFrameError: this frame is unreadable; the next call reads the next one.
+        :raises CaptureError: the source has failed.
+        """
+
+    def read_ahead(self) -> CapturedFrame | None:
+        """
+        Read the next frame, whose image may be decoded when it is used, before the next call.
+
+        :returns: as for ``read``.
+        :raises BrokenFrameError: as for ``read``; also raised by the image of the frame.
         :raises CaptureError: the source has failed.
         """
 

@@ -208,6 +208,7 @@ class Grabber:
                         source, lambda: self.settings, self._stopped,
                         lambda: self.paused or not self._demand.may_publish(),
                         self._listener.broken, self._clock)
+                    player.has_subscribers = self._demand.has_subscribers
                     player.on_long_wait = self._listener.waiting
                     player.changed = self._changed
                     yield from player.frames()

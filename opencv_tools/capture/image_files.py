@@ -84,6 +84,8 @@ class ImageFileSource:
         except ImageError as err:
             raise BrokenFrameError(f'{shown} cannot be read: {err}') from err
 
+    read_ahead = read
+
     def rewind(self) -> None:
         self._next = 0
 

@@ -86,6 +86,8 @@ class OpenCvVideo:
             raise BrokenFrameError(f'frame {self._number - 1} of {self.name} cannot be decoded')
         return CapturedFrame(image, 'bgr8', position=position if known else None)
 
+    read_ahead = read
+
     def rewind(self) -> None:
         # Reopening is exact for every container; seeking to frame 0 is not.
         self._capture.release()

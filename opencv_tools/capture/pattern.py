@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache, partial
 import re
 from typing import Any, Literal
 
@@ -111,9 +112,13 @@ class PatternSource:
         return True
 
     def read(self) -> CapturedFrame:
-        image = self._draw(self._background, self._number)
+        frame = self.read_ahead()
+        return replace(frame, pixels=frame.image)
+
+    def read_ahead(self) -> CapturedFrame:
+        drawn = cache(partial(self._draw, self._background, self._number))
         self._number += 1
-        return CapturedFrame(image, self._encoding, position=(self._number - 1) / self.rate)
+        return CapturedFrame(drawn, self._encoding, position=(self._number - 1) / self.rate)
 
     def rewind(self) -> None:
         self._number = 0

@@ -134,6 +134,8 @@ class Player:
         """
         #: Called with the seconds of a wait of more than a minute, which the file requires.
         self.on_long_wait: Callable[[float], object] = lambda seconds: None
+        #: Returns whether frames are decoded before they are due, or only if the image is used.
+        self.has_subscribers: Callable[[], bool] = lambda: True
         #: Ends a wait: set after ``stopped``, and after a change of the settings.
         self.changed = stopped
         self._source = source
@@ -210,7 +212,8 @@ class Player:
         while not self._stopped.is_set() and (not stop or number < stop):
             number += 1
             try:
-                frame = self._source.read()
+                frame = (self._source.read() if self.has_subscribers() else
+                         self._source.read_ahead())
             except BrokenFrameError as err:
                 self._on_broken(err)
                 continue

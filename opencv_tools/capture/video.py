@@ -17,17 +17,22 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from functools import cache
 from itertools import chain
 import re
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from opencv_tools.base.text import MAX_PATH, printable, without_password
 from opencv_tools.capture.container import (
     count_videos, known_count, open_container, stream_rate, video_stream)
 from opencv_tools.capture.declared_size import check_end
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError
 from opencv_tools.capture.frame import CapturedFrame
+from opencv_tools.capture.video_packets import VideoPackets
 from opencv_tools.image.orientation import matrix_orientation, turn_upright
 from opencv_tools.video.lossless import (
     describe_tags, has_no_sums, has_valid_sums, tagged_encoding)
@@ -63,10 +68,8 @@ class VideoSource:
         self._av = import_av()
         self._container: Any = container
         self._is_avi = container.format.name == 'avi'
-        self._may_step = bool(container.format.flags & _MAY_STEP)
-        self._shift: float  # of the clock, in seconds
-        self._position: float | None  # the last time
         self._ticks = 0  # of an AVI, whose last pictures have no times
+        self._number = 0  # of the next picture
         stream = video_stream(container)
         self.rate, self.count = stream_rate(stream), known_count(container)
         context = stream.codec_context
@@ -92,6 +95,35 @@ class VideoSource:
         frame = self._next()
         if frame is None:
             return None
+        image, encoding = self._image(frame)
+        ticks = frame.dts if frame.pts is None else frame.pts
+        if self._is_avi:  # it has no times of presentation, and those of PyAV step back
+            ticks = self._ticks = self._ticks + 1 if frame.dts is None else frame.dts
+        return CapturedFrame(
+            image, encoding, position=self._clock.seconds(ticks, frame.time_base))
+
+    def read_ahead(self) -> CapturedFrame | None:
+        ticks = None if self._pixels or self._decoded else self._packets.pass_over()
+        if ticks is None:
+            return self.read()
+        self._number += 1
+
+        def image() -> NDArray[Any]:
+            self._packets.passed, self._number = ticks - 1, self._number - 1
+            frame = self._next()
+            if frame is None:
+                raise self._broken()
+            return self._image(frame)[0]
+
+        return CapturedFrame(cache(image), 'bgr8', position=self._clock.seconds(
+            ticks, self._stream.time_base))
+
+    def _image(self, frame: Any) -> tuple[NDArray[Any], str]:
+        """
+        Return a picture as an upright image, and its encoding.
+
+        :raises BrokenFrameError: its colours are invalid.
+        """
         encoding = 'bgr8'
         try:
             if self.is_deep:
@@ -105,12 +137,7 @@ class VideoSource:
         matrix = frame.side_data.get('DISPLAYMATRIX')
         if matrix:
             image = turn_upright(image, matrix_orientation(bytes(matrix)))
-        ticks = frame.dts if frame.pts is None else frame.pts
-        if self._is_avi:  # it has no times of presentation, and those of PyAV step back
-            ticks = self._ticks = self._ticks + 1 if frame.dts is None else frame.dts
-        position = None if ticks is None else self._in_order(float(
-            (ticks - (self._stream.start_time or 0)) * frame.time_base))
-        return CapturedFrame(image, encoding, position=position)
+        return image, encoding
 
     def rewind(self) -> None:
         # Opening it again is exact for every container; seeking to the first frame is not.
@@ -120,16 +147,6 @@ class VideoSource:
 
     def close(self) -> None:
         self._container.close()
-
-    def _in_order(self, position: float) -> float:
-        """Return a time in seconds, as if the clock of the file had not stepped."""
-        position += self._shift
-        step = position - (position if self._position is None else self._position)
-        if self._may_step and not -_MOST_BACK <= step <= _MOST_AHEAD:
-            correction = 1 / (self.rate or NOMINAL_RATE) - step
-            self._shift, position = self._shift + correction, position + correction
-        self._position = position
-        return position
 
     def _begin(self) -> None:
         """Prepare to read the first packet, and find the warnings."""
@@ -143,9 +160,11 @@ class VideoSource:
             first = next(packets)
         except (self._av.error.FFmpegError, OSError, StopIteration) as err:
             raise CaptureError(f'{self.name} cannot be read: {err}') from err
-        self._packets, self._decoded = chain((first,), packets), deque[Any]()
+        self._packets = VideoPackets(
+            self._readable(chain((first,), packets)), self._container, context)
+        self._decoded = deque[Any]()
         self._number = 0
-        self._shift, self._position = 0.0, None
+        self._clock = _FileClock(self._container, stream, self.rate)
         self._needs_key = self._is_checked = False
         # FFV1 before version 3 has no such data and no checksums.
         self._may_have_sums = self._is_ffv1 and self.is_deep and bool(context.extradata)
@@ -172,6 +191,18 @@ class VideoSource:
             ] if self._is_ffv1 and not has_sums else []
             self.warnings += [f'{self.name} has {wrong}'] if wrong else []
 
+    def _readable(self, packets: Iterable[Any]) -> Iterator[Any]:
+        """
+        Yield packets.
+
+        :raises BrokenFrameError: the file cannot be read.
+        """
+        try:
+            yield from packets
+        except (self._av.error.FFmpegError, OSError) as err:
+            self._is_checked = True
+            raise BrokenFrameError(f'{self.name} cannot be read: {err}') from err
+
     def _next(self) -> Any:
         """
         Return the next picture; None at the end.
@@ -179,13 +210,11 @@ class VideoSource:
         :raises BrokenFrameError: it cannot be decoded, or the file ends early, once.
         """
         while not self._decoded:
-            try:
-                packet = next(self._packets, None)
-            except (self._av.error.FFmpegError, OSError) as err:
-                self._is_checked = True
-                raise BrokenFrameError(f'{self.name} cannot be read: {err}') from err
+            packet = next(self._packets, None)
             if packet is not None:
-                self._decoded.extend(self._decode(packet))
+                self._decoded.extend(
+                    frame for frame in self._decode(packet)
+                    if frame.pts is None or frame.pts > self._packets.passed)
             elif self._is_checked:
                 return None
             else:
@@ -193,6 +222,7 @@ class VideoSource:
                 check_end(self._location, self._number)
         frame = self._decoded.popleft()
         self._number += 1
+        self._packets.show(frame.pts)
         # After a picture that cannot be decoded, others are not as they were.
         self._needs_key = self._needs_key and not frame.key_frame
         if self._needs_key or frame.is_corrupt or (self.is_deep and (
@@ -223,3 +253,25 @@ class VideoSource:
         self._needs_key = True
         return BrokenFrameError(
             f'frame {self._number - 1} of {self.name} cannot be decoded{reason}')
+
+
+class _FileClock:
+    """Times from the begin of a stream, as if the clock of the file did not step."""
+
+    def __init__(self, container: Any, stream: Any, rate: float) -> None:
+        self._start, self._rate = stream.start_time or 0, rate or NOMINAL_RATE
+        self._may_step = bool(container.format.flags & _MAY_STEP)
+        self._shift = 0.0
+        self._last: float | None = None
+
+    def seconds(self, ticks: int | None, time_base: Fraction) -> float | None:
+        """Return the time of the next picture in seconds; None for None."""
+        if ticks is None:
+            return None
+        time = float((ticks - self._start) * time_base) + self._shift
+        step = 0.0 if self._last is None else time - self._last
+        if self._may_step and not -_MOST_BACK <= step <= _MOST_AHEAD:
+            self._shift += 1 / self._rate - step
+            time += 1 / self._rate - step
+        self._last = time
+        return time

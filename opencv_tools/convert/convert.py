@@ -115,7 +115,7 @@ def _read_live(source: LiveSource) -> CapturedFrame | None:
     """Return the next frame of a stream; None at its end."""
     try:
         frame = source.read() if source.wait(_READ_SECONDS) else None
-        return replace(frame, image=frame.video.decode(), encoding='bgr8', video=None) if (
+        return replace(frame, pixels=frame.video.decode(), encoding='bgr8', video=None) if (
             frame and frame.video) else frame
     except UnavailableError:
         return None
@@ -472,7 +472,7 @@ def _decoded(frame: CapturedFrame) -> CapturedFrame:
     if frame.encoding == JPEG and frame.image[:2].tobytes() != JPEG_SOI:
         with suppress(ImageError):  # it counts as failed later
             raw = received_frame(frame, 0, 0.0).decode()
-            return replace(frame, image=raw.image, encoding=raw.metadata.encoding)
+            return replace(frame, pixels=raw.image, encoding=raw.metadata.encoding)
     return frame
 
 

@@ -282,6 +282,9 @@ class PublishLoop:
                 self._log.warning(
                     f'{reduction}, as the parameter encoding has it; an empty encoding '
                     'publishes them as they are', once='encoding')
+        except BrokenFrameError as err:
+            self._events.broken(err)
+            return
         except ImageError as err:
             # A camera that was opened for another encoding will be reopened.
             if not self._is_live or self.settings.capture.encoding == self._opened_encoding:

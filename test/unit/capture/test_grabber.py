@@ -25,6 +25,7 @@ import numpy as np
 from opencv_tools.capture.errors import BrokenFrameError, CaptureError, UnavailableError
 from opencv_tools.capture.frame import CapturedFrame, Source
 from opencv_tools.capture.grabber import Grabber
+from opencv_tools.capture.pattern import PatternSource, PatternSpec
 from opencv_tools.capture.settings import CaptureSettings
 import pytest
 from stepped_clock import BEGAN, SteppedClock
@@ -97,6 +98,9 @@ class Log:
 
     def broken(self, reason: BrokenFrameError) -> None:
         self.lines.append(f'broken: {reason}')
+
+    def waiting(self, seconds: float) -> None:
+        self.lines.append(f'waiting {seconds:.0f} s')
 
     def may_publish(self) -> bool:
         return self.there
@@ -201,6 +205,19 @@ def test_frames_without_subscribers_are_counted_not_decoded(
     assert take(grab(camera), clock, 0.25) == [None] * (RATE // 4)
     assert camera.skipped == list(range(1, RATE // 4 + 1))
     assert not camera.decoded
+
+
+@pytest.mark.parametrize('spec', [
+    PatternSpec(64, 48, 5.0), PatternSpec(64, 48, 30.0), PatternSpec(64, 48, 90.0, is_depth=True)])
+def test_frames_of_a_file_without_subscribers(
+        grab: Callable[..., Grabber], clock: SteppedClock, log: Log, spec: PatternSpec) -> None:
+    frames = grab(PatternSource(spec)).frames()
+    known = PatternSource(spec)
+    for number in range(6):
+        log.looking = number in (2, 3)
+        frame, expected = next(frames), known.read()
+        assert callable(frame.pixels) is not log.looking  # drawn when it is used
+        assert number == 4 or np.array_equal(frame.image, expected.image)
 
 
 def test_no_frame_is_published_before_publishing_may_run(

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -174,6 +174,49 @@ def test_times_of_an_avi_with_reordered_frames(
     positions = [frame.position for frame in frames_of(source)]
     assert len(positions) == COUNT
     assert np.diff(positions) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(('name', 'codec', 'options'), [
+    ('a.mp4', 'libx264', {'bf': '3', 'g': '7'}),
+    ('a.mkv', 'libx264', {'x264opts': 'open-gop=1:bframes=5:keyint=9'}),
+    ('a.mkv', 'libx265', {'x265-params': 'log-level=none:keyint=11'}),
+    ('a.mp4', 'mpeg4', {'bf': '2'}), ('a.webm', 'libvpx-vp9', {'lag-in-frames': '9'}),
+    ('a.ts', 'libx264', {'bf': '2'}), ('a.avi', 'mpeg4', {'bf': '2'})])
+@pytest.mark.parametrize('is_used', [
+    lambda number: False, lambda number: number == 13, lambda number: number % 4 in (1, 2),
+    lambda number: True], ids=['never', 'once', 'often', 'always'])
+@pytest.mark.parametrize('ahead', [1, 3, 25], ids='one of {} ahead'.format)
+def test_frames_ahead(tmp_path: Path, name: str, codec: str, options: dict[str, str],
+                      is_used: Callable[[int], bool], ahead: int) -> None:
+    path = str(write_numbers(tmp_path / name, codec, **options))
+    frames = frames_of(open_source(path))
+    source = open_source(path)
+    for number, expected in enumerate(frames):
+        frame = source.read() if number % ahead else source.read_ahead()
+        assert frame.position == expected.position
+        if is_used(number):
+            assert np.array_equal(frame.image, expected.image)
+    assert source.read_ahead() is None
+
+
+def test_frame_ahead_is_decoded_only_if_it_is_used(tmp_path: Path) -> None:
+    path = write_numbers(tmp_path / 'a.mp4', bf='0', g='10')
+    with av.open(str(path)) as container:
+        packets = [packet for packet in container.demux(video=0) if packet.size]
+        damaged = [packets[number].pos for number in (5, 14)]
+    content = bytearray(path.read_bytes())
+    for at in damaged:
+        content[at:at + 8] = bytes(8)
+    path.write_bytes(content)
+    source = open_source(str(path))
+    frames = [source.read_ahead() for _ in range(14)]
+    assert len({frame.position for frame in frames}) == 14
+    with pytest.raises(BrokenFrameError, match='frame 14 of'):
+        source.read()
+    source.rewind()
+    frames = [source.read_ahead() for _ in range(6)]
+    with pytest.raises(BrokenFrameError, match='frame 5 of'):
+        _ = frames[-1].image
 
 
 @pytest.mark.skipif(not hasattr(StreamContainer, 'best'), reason='PyAV 12 knows no default')
