@@ -175,10 +175,11 @@ def _open_pictures(plan: Plan, recording: Recording, name: str, samples: Sequenc
     if ahead > _MOST_AHEAD:
         begin, end = ((int(one) - recording.start_ns) / NANO
                       for one in track.times[samples][latest > places][[0, -1]])
+        cause = f', since {track.step}; ' if track.step else '; use --clock log, or '
         raise DatasetError(
             f'{name} has pictures {ahead} places before those with earlier stamps, at most '
-            f'{_MOST_AHEAD} are possible; {"use --clock log, or " * (not track.step)}leave the '
-            f'time from {begin:.3f} s to {end:.3f} s out by the times in --episodes TABLE.csv')
+            f'{_MOST_AHEAD} are possible{cause}leave the time from {begin:.3f} s to {end:.3f} s '
+            'out by the times in --episodes TABLE.csv')
     found = bag_pictures(recording.bag, track.topic, np.sort(messages).tolist(),
                          is_depth=name in plan.depth, kept=ahead + 1)
     return _in_order(found, places.tolist())

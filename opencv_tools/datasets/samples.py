@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from opencv_tools.bags.compression import decompressed_message
 from opencv_tools.bags.reading import BagMessage, BagTopic, Damage
 from opencv_tools.base.text import enumerated, printable
-from opencv_tools.base.units import NANO, STANDING
+from opencv_tools.base.units import NANO
+from opencv_tools.datasets.clocks import Clocks, LOG_REMEDY
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import NumbersSource
 from opencv_tools.image.errors import CdrError, ImageError
@@ -168,14 +169,8 @@ def _array_names(value: NDArray[Any], parent: Any) -> list[str]:
     return []
 
 
-#: A stamp that is further from the one before than the times of the recording is a jump.
-JUMP_NS = NANO // 2
-# By so much messages of a topic may be out of order in a file without a step of its clock.
-_BACK_NS = NANO // 10
 _FILE_BITS = 40  # of a place in a file; the bits above have the number of the file
-_STAY = 10  # messages on each side of a step of the clock
 _STAMP_AT = 4  # offset in CDR of a stamp at the begin of a message
-LOG_REMEDY = 'use --clock log for the times of the recording'
 
 
 @dataclass
@@ -266,103 +261,42 @@ class Samples:
         return has_zero
 
     @property
-    def speed(self) -> float:
-        """Seconds by the stamps in a second of the recording; 1.0 for one message."""
-        stamps, logs = (int(times[-1] - times[0]) if times else 0
-                        for times in (self.stamps, self.logs))
-        return stamps / logs if logs > 0 and self.log_jump >= 0 else 1.0
+    def clocks(self) -> Clocks:
+        """Return the times of the messages in the order of the files."""
+        order = self._file_order()
+        return Clocks(integers(self.logs)[order], integers(self.stamps)[order])
 
-    @property
-    def log_jump(self) -> int:
-        """Largest jump in nanoseconds of the times of the recording alone; 0 for none."""
-        logs, stamps = self._in_file()
-        if len(logs) < 2 or not stamps.all():
-            return 0
-        back = int(np.diff(logs).min())
-        if (_doubled(logs).any() and not _doubled(stamps).any()
-                and stamps[-1] - stamps[0] > -back):
-            return back
-        longest = int(np.diff(np.sort(logs)).max())
-        return longest if longest > int(np.diff(np.sort(stamps)).max()) + JUMP_NS and (
-            np.diff(integers(self.stamps)) < -JUMP_NS).any() else 0
-
-    def _in_file(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the times of the recording and the stamps in the order of the files."""
-        order = np.argsort(integers(self.written), kind='stable')
-        return integers(self.logs)[order], integers(self.stamps)[order]
+    def _file_order(self) -> NDArray[np.intp]:
+        return np.argsort(integers(self.written), kind='stable')
 
     def doubled(self, clock: str) -> tuple[NDArray[np.bool_], str]:
         """
-        Return which messages are in a time that is there twice, because the clock stepped back.
+        Return which messages are in a time that is there twice; see `Clocks.doubled`.
 
-        The reader sorts messages by their times, so only their order in the file shows it. Video
-        after the step cannot be decoded in this order.
-
-        :param clock: 'stamp' or 'log'.
-        :returns: (n,) array, and a sentence about the step, '' if there is none.
+        Video after the step cannot be decoded in this order.
         """
-        logs, stamps = self._in_file()
-        found, in_stamps = _doubled(logs), _doubled(stamps)
-        both = bool((found & in_stamps).any())
-        if not found.any():
-            return found, ''
-        steps = np.diff(stamps if both and clock == 'stamp' else logs)
-        if clock == 'stamp' and not self.has_video:
-            found = in_stamps & both
-        found = found[np.argsort(np.argsort(integers(self.written), kind='stable'))]
-        return np.maximum.accumulate(found) if self.has_video else found, (
-            f'the clock steps back by {-steps.min() / NANO:.3f} s after message {steps.argmin()}, '
-            f'in the {"stamps and the " * both}times of the recording')
-
-    @property
-    def step_back(self) -> str:
-        """Sentence about stamps that step back and stay behind; '' if they do not."""
-        logs, stamps = self._in_file()
-        if len(logs) < 2 * _STAY:
-            return ''
-        late, steps = np.lib.stride_tricks.sliding_window_view(logs - stamps, _STAY), np.diff(
-            stamps)
-        places = np.flatnonzero(steps[_STAY - 1:len(steps) - _STAY + 1] < 0)
-        before = np.quantile(late[places], 0.75, axis=1)
-        after = np.quantile(late[places + _STAY], 0.25, axis=1)
-        found = places[after - before > -steps[places + _STAY - 1]] + _STAY - 1
-        return '' if not len(found) else (
-            f'the stamps step back by {-steps[found[0]] / NANO:.3f} s after message {found[0]} '
-            'and stay behind, as after a change of the clock, so rows there mix the samples of '
-            'before and after')
+        clocks = self.clocks
+        found, step = clocks.doubled(clock, is_video=self.has_video)
+        found = found[np.argsort(self._file_order())]
+        is_lost = self.has_video and clocks.log_is_doubled
+        return np.maximum.accumulate(found) if is_lost else found, step
 
     def times(self, clock: str, name: str) -> NDArray[np.int64]:
         """
         Return the times of all messages in nanoseconds.
 
         :param clock: 'stamp' or 'log'.
-        :raises DatasetError: there is none, or the stamps cannot be used.
+        :raises DatasetError: there is none, or the times cannot be used.
         """
-        logs, stamps = self._in_file()
-        if not len(logs):
-            raise DatasetError(f'{name} ({printable(self.topic.name)}) has no message that can be '
-                               'read')
-        if clock == 'log':
-            if self.log_jump:
-                raise DatasetError(
-                    f'the times of the recording of {name} ({printable(self.topic.name)}) jump by '
-                    f'{self.log_jump / NANO:.3f} s, but its stamps do not; use --clock stamp')
-            return integers(self.logs)
         shown = f'{name} ({printable(self.topic.name)})'
+        if not self.logs:
+            raise DatasetError(f'{shown} has no message that can be read')
+        if clock == 'log':
+            self.clocks.check_logs(shown)
+            return integers(self.logs)
         if self.reader and not self.reader.has_stamp:
             raise DatasetError(f'the messages of {shown} have no stamp; {LOG_REMEDY}')
-        if not stamps.all():
-            raise DatasetError(f'{np.count_nonzero(stamps == 0)} stamps of {shown} are zero; '
-                               f'{LOG_REMEDY}')
-        if 0 <= self.speed * STANDING < 1:
-            raise DatasetError(f'the stamps of {shown} stand still; {LOG_REMEDY}')
-        steps, log_steps = np.diff(stamps), np.diff(logs)
-        jumps = (steps < np.minimum(log_steps, 0) - JUMP_NS) | (
-            steps > np.maximum(log_steps, 0) + JUMP_NS)
-        if jumps.any() and not self.log_jump and not self.doubled('stamp')[0].any():
-            at = int(np.argmax(jumps))
-            raise DatasetError(f'the stamps of {shown} jump by {steps[at] / NANO:.3f} s after '
-                               f'message {at}; {LOG_REMEDY}')
+        self.clocks.check_stamps(shown)
         return integers(self.stamps)
 
 
@@ -414,20 +348,6 @@ def _event(message: dict[str, Any], source: NumbersSource) -> Any:
     if not isinstance(value, bool | int | float | str):
         raise DatasetError(f'{source} is not one number or text; name a field')
     return value
-
-
-def _doubled(times: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which times, in the order of the files, are in a time that is there twice."""
-    back = np.flatnonzero(np.diff(times) < -_BACK_NS)
-    low, high = (call.accumulate(times)[back] for call in (np.minimum, np.maximum))
-    least, most = (call.accumulate(times[::-1])[::-1][back + 1]
-                   for call in (np.minimum, np.maximum))
-    starts, ends = np.maximum(low, least), np.minimum(high, most)
-    are_twice = starts <= ends
-    starts, ends = np.sort(starts[are_twice]), np.sort(ends[are_twice])
-    found: NDArray[np.bool_] = (np.searchsorted(starts, times, side='right')
-                                > np.searchsorted(ends, times))
-    return found
 
 
 def _stamp(serialized: Any) -> int:

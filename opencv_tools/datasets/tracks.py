@@ -30,9 +30,10 @@ from opencv_tools.bags.reading import BagMessage, BagTopic, CDR, Damage
 from opencv_tools.base.text import enumerated, printable
 from opencv_tools.base.units import NANO
 from opencv_tools.capture.bag_video import can_begin, is_video
+from opencv_tools.datasets.clocks import Clocks, LOG_REMEDY
 from opencv_tools.datasets.errors import DatasetError, UnreadableError
 from opencv_tools.datasets.plan import NumbersSource, Plan
-from opencv_tools.datasets.samples import first_names, integers, JUMP_NS, LOG_REMEDY, Samples
+from opencv_tools.datasets.samples import first_names, integers, Samples
 
 # Differences of the clocks of two topics, relative to the recording.
 _WARNING_NS, _ERROR_NS = NANO // 10, NANO // 2
@@ -221,23 +222,23 @@ def read_recording(bag: Bag, plan: Plan) -> Recording:
     tracks = {name: _track(one, plan, name, bag.topics[one.topic])
               for name, one in samples.items()}
     warnings += _left_out_warnings(samples, tracks)
-    warnings += [f'{name}: {one.step}' for name, one in tracks.items() if one.doubled.any()]
-    warnings += [f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, as '
-                 'those of a simulation, and rows are counted by the stamps'
-                 for name, one in samples.items()
-                 if plan.clock == 'stamp' and not _SLOWEST < one.speed < 1 / _SLOWEST]
-    if plan.clock == 'stamp':
-        warnings += [f'{name}: the times of the recording jump by {one.log_jump / NANO:.3f} s, '
-                     'but not the stamps, whose order the rows have'
-                     for name, one in samples.items() if abs(one.log_jump) > JUMP_NS]
-        warnings += [f'{name}: {text}' for name, one in samples.items() if (text := one.step_back)]
-    warnings += _clock_warnings(tracks)
+    clocks = {name: one.clocks for name, one in samples.items()}
+    warnings += _step_warnings(plan, tracks, clocks) + _clock_warnings(tracks)
     clock = _Clock(tracks)
-    has_steps = plan.clock == 'stamp' and any(one.log_jump < 0 for one in samples.values())
+    has_steps = plan.clock == 'stamp' and any(one.log_jump < 0 for one in clocks.values())
     start_ns = (min(int(track.times[0]) for track in tracks.values()) if has_steps else
                 clock.stamp(bag.first_ns))
     return Recording(bag=bag, tracks=tracks, events=_timed(events, plan, clock) if events else [],
                      start_ns=start_ns, warnings=warnings)
+
+
+def _step_warnings(plan: Plan, tracks: Mapping[str, Track], clocks: Mapping[str, Clocks],
+                   ) -> list[str]:
+    """Return sentences about clocks that step, and of stamps that are slow or quick."""
+    return [f'{name}: {one.step}' for name, one in tracks.items() if one.step] + [
+        f'{name}: the stamps advance {one.speed:.3g} times as fast as the recording, as those of '
+        'a simulation, and rows are counted by the stamps' for name, one in clocks.items()
+        if plan.clock == 'stamp' and not _SLOWEST < one.speed < 1 / _SLOWEST]
 
 
 def _left_out_warnings(samples: Mapping[str, Samples], tracks: Mapping[str, Track]) -> list[str]:

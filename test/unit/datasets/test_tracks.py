@@ -581,12 +581,17 @@ def stepped(step_ns: int, begin: int = 30, end: int = 1 << 30) -> Drive:
 
 
 @pytest.mark.parametrize('step_ms', [50, 313, 480, 121])
-def test_small_step_of_the_clock_is_said(
+def test_small_step_of_the_stamps_alone(
         step_ms: int, tmp_path: Path, capsys: Errors) -> None:
-    converted(tmp_path, stepped(step_ms * S // 1000, 45), *CAMERA, '--max-gap', '1')
+    drive = stepped(step_ms * S // 1000, 45)
     text = (f'the stamps step back by {step_ms / 1000 - 1 / 30:.3f} s after message 44 and stay '
             'behind, as after a change of the clock')
+    if step_ms > 133:  # 0.1 s more than a period
+        assert f'{text}, so rows from' in refused(tmp_path, drive, capsys, *CAMERA)
+    folder = converted(tmp_path, drive, *CAMERA, '--on-gap', 'split', '--overwrite')
     assert text in capsys.readouterr().err
+    numbers = numbers_of(folder)
+    assert numbers == sorted(numbers) and len(numbers) >= 90 - 2 * step_ms * 30 / 1000 - 2
     # One late picture, and pictures in pairs that were exchanged, are no step of the clock.
     for drive in (stepped(step_ms * S // 1000, 45, 46), stepped(step_ms * S // 1000, 45, 48)):
         assert convert(drive.write(tmp_path / 'late.mcap'), tmp_path / 'late', *CAMERA,
@@ -607,6 +612,27 @@ def test_jumps_of_the_recording_alone(
     folder = converted(tmp_path, drive, *CAMERA, '--overwrite')
     assert 'the times of the recording jump by' in capsys.readouterr().err
     assert numbers_of(folder) == [*range(90)]
+
+
+@pytest.mark.parametrize('seconds', [0.9, 7.0, 1800.0, 86400.0])
+def test_jump_of_the_recording_forward(seconds: float, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=3.0, topics=())
+    drive.others = [
+        jpeg_entry(number, Drive().picture_ns(number))._replace(log_ns=round(
+            Drive().picture_ns(number) + seconds * S * (number >= 40))) for number in range(90)]
+    assert numbers_of(converted(tmp_path, drive, *CAMERA)) == [*range(90)]
+    assert 'stand still' not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('seconds', [60.0, 7200.0, 86400.0])
+def test_remedy_of_a_recording_that_jumps_far_back(
+        seconds: float, tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=10.0, topics=())
+    drive.others = [
+        jpeg_entry(number, Drive().picture_ns(number))._replace(log_ns=round(
+            Drive().picture_ns(number) - seconds * S * (number >= 150))) for number in range(300)]
+    error = refused(tmp_path, drive, capsys, *CAMERA)
+    assert 'at most 100 are possible' in error and '--clock log' not in error
 
 
 @pytest.mark.parametrize(('gap', 'missing'), [(3.5, 2.0), (10.0, 1.1), (2.0, 1.6), (4.5, 2.9)])
