@@ -261,6 +261,25 @@ def test_long_names_without_what_they_have_in_common(
                          ' === document.getElementById("pause").offsetHeight')  # one line
 
 
+@pytest.mark.parametrize('width', [390, 720, 1000, 1440])
+@pytest.mark.parametrize('path', ['', '?topic=/robot_front/camera_left/image_rect_color'])
+def test_lines_of_a_name_end_after_a_word(
+        path: str, width: int, viewer: Viewer, browser: Browser, camera: Node) -> None:
+    for side in ('left', 'right_and_rear'):
+        Camera(camera, f'/robot_front/camera_{side}/image_rect_color', LATCHED).publish(1)
+    page = browser.new_page(f'{viewer.url}{path}', width, 800)
+    page.wait_for('document.querySelectorAll(".tile:not([hidden]) canvas:not([hidden])").length')
+    words = page.evaluate("""[...document.querySelectorAll('#title, .name')]
+      .filter((one) => one.checkVisibility()).flatMap((one) => [...one.childNodes])
+      .filter((one) => one.data).map((one) => {
+        const range = document.createRange();
+        range.selectNodeContents(one);
+        return [one.data, new Set([...range.getClientRects()].map((rect) => rect.top)).size];
+      })""")
+    assert len(words) > 1
+    assert [word for word, lines in words if lines > 1] == []
+
+
 def test_long_reason_begins_with_the_cause(viewer: Viewer, browser: Browser, camera: Node) -> None:
     name = '/' + 'a_camera_with_a_very_long_name/' * 5 + 'image'
     front, rear = Camera(camera, name), Camera(camera, '/rear')

@@ -79,7 +79,8 @@ export function shortNames(names) {
  */
 export function showName(element, name, shown = name) {
   element.title = name;
-  write(element, shown);
+  if (element.textContent === shown) return;
+  element.replaceChildren(...shown.split(/(?<=[/_])/).flatMap((text) => [text, make('wbr')]));
 }
 
 /**
