@@ -42,8 +42,8 @@ from opencv_tools.base.remedies import installation
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.base.units import NANO
 
-__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'missing_numbers', 'open_bag_file',
-           'read_file_names', 'recordings']
+__all__ = ['BAG_SUFFIXES', 'bag_files', 'BagFiles', 'is_bag', 'open_bag_file', 'read_file_names',
+           'recordings']
 
 #: Extensions of bags.
 BAG_SUFFIXES = ('.mcap', '.db3')
@@ -220,17 +220,43 @@ def _number(path: Path) -> tuple[str, str, int] | None:
     return (found[1], found[3], int(found[2])) if found else None
 
 
-def missing_numbers(paths: Sequence[Path]) -> Iterator[str]:
-    """Yield a sentence for each place where the numbers of files go on without those between."""
-    for path, after in pairwise(paths):
-        one, two = _number(path), _number(after)
-        if one and two and one[:2] == two[:2] and one[2] + 1 < two[2]:
-            others = {found for found in map(_number, path.parent.iterdir())
-                      if found and found[:2] == one[:2] and one[2] < found[2] < two[2]}
-            count = two[2] - one[2] - 1 - len(others)  # files of another recording may be between
-            if count:
-                yield (f'{count} {"file is" if count == 1 else "files are"} missing between '
-                       f'{printable(path.name)} and {printable(after.name)}')
+def _part(path: Path, reader: BagReader) -> _Part:
+    return _Part(path, recording_of(reader.metadata), reader.first_ns, reader.last_ns,
+                 frozenset(topic for topic, count in reader.topics.items() if count))
+
+
+def _order_problems(parts: Sequence[_Part]) -> Iterator[str]:
+    """Yield a sentence for each file that does not follow the one before, of one recording."""
+    for part, after in pairwise(parts):
+        if not part.recording or part.recording != after.recording:
+            continue
+        one, two = printable(part.path.name), printable(after.path.name)
+        if part.topics and after.topics and after.first_ns < part.first_ns:
+            yield (f'{two} is read after {one}, but begins '
+                   f'{(part.first_ns - after.first_ns) / NANO:.3f} s before it')
+        count = _missing_files(part, after)
+        if count:
+            yield (f'{count} {"file is" if count == 1 else "files are"} missing between {one} '
+                   f'and {two}')
+
+
+def _missing_files(part: _Part, after: _Part) -> int:
+    """Return how many numbers between two files have no file of another recording."""
+    one, two = _number(part.path), _number(after.path)
+    if not one or not two or one[:2] != two[:2] or part.path.parent != after.path.parent:
+        return 0
+    between = range(one[2] + 1, two[2])
+    others = {found[2] for path in (part.path.parent.iterdir() if between else ())
+              if (found := _number(path)) and found[:2] == one[:2] and found[2] in between
+              and _is_of_another(path, part.recording)}
+    return len(between) - len(others)
+
+
+def _is_of_another(path: Path, recording: str) -> bool:
+    """Return whether a file can be read, and is no part of a recording."""
+    with suppress(BagError, OSError), closing(open_bag_file(path)) as reader:
+        return recording_of(reader.metadata) != recording
+    return False
 
 
 def recordings(paths: Collection[Path]) -> list[list[Path]]:
@@ -246,8 +272,7 @@ def recordings(paths: Collection[Path]) -> list[list[Path]]:
     for path in paths:
         files = [path]
         with suppress(BagError, OSError), closing(open_bag_file(path)) as reader:
-            part = _Part(path, recording_of(reader.metadata), reader.first_ns, reader.last_ns,
-                         frozenset(topic for topic, count in reader.topics.items() if count))
+            part = _part(path, reader)
             before = ends.get(part.recording)
             if before and before[0].precedes(part):
                 files = before[1]
@@ -297,7 +322,7 @@ class Bag:
         found = BagFiles([*files]) if files else bag_files(path)
         #: Files of the bag, in their order.
         self.paths = found.paths if found.are_ordered else sorted(found.paths, key=natural_order)
-        #: Sentences about parts of the bag that are missing.
+        #: Sentences about parts of the bag that are missing, or in another order.
         self.warnings = [found.warning] if found.warning else []
         #: Number of messages of each topic.
         self.topics: Counter[BagTopic] = Counter()
@@ -305,7 +330,7 @@ class Bag:
         self.metadata: list[tuple[str, dict[str, str]]] = []
         #: Number of attachments.
         self.attachments = 0
-        times: list[int] = []
+        parts: list[_Part] = []
         for file in self.paths:
             with closing(open_bag_file(file)) as reader:
                 self.topics.update(reader.topics)
@@ -313,7 +338,9 @@ class Bag:
                 self.metadata += [one for one in reader.metadata
                                   if has_account([one]) or one not in self.metadata]
                 self.warnings += [reader.warning] if reader.warning else []
-                times += [reader.first_ns, reader.last_ns] if any(reader.topics.values()) else []
+                parts.append(_part(file, reader))
+        self.warnings += _order_problems(parts)
+        times = [time for part in parts if part.topics for time in (part.first_ns, part.last_ns)]
         #: Times of the first and the last message, in nanoseconds; 0 for an empty bag.
         self.first_ns, self.last_ns = min(times, default=0), max(times, default=0)
         #: Number of the file that is being read, from 0.

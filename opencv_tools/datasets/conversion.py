@@ -22,7 +22,6 @@ from functools import partial
 import os
 from pathlib import Path
 
-from opencv_tools.bags.open_bag import missing_numbers
 from opencv_tools.base.logs import Log
 from opencv_tools.base.text import MAX_PATH, printable
 from opencv_tools.datasets.depth import codes_of, DepthImages
@@ -110,8 +109,6 @@ class Conversion:
             if job.files:
                 log.info(f'{printable(job.name)} to {printable(job.files[-1].name)} are one '
                          f'recording of {len(job.files)} files')
-            for text in missing_numbers(job.files):
-                log.warning(text)
         self._plan = self._resolved(plan, all_jobs)
 
     def run(self) -> int:

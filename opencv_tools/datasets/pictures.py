@@ -71,11 +71,14 @@ def with_rows(plan: Plan, recording: Recording, bag: str,
     """
     while True:
         attempt = replace(recording, warnings=[*recording.warnings])
-        episodes = episodes_of(attempt, plan, bag)
         try:
+            episodes = episodes_of(attempt, plan, bag)
             return attempt, episodes, use(attempt, episodes)
         except _FirstPicturesError as err:
             recording = err.without(recording)
+        except DatasetError as err:
+            causes = ''.join(f' ({warning})' for warning in recording.bag.warnings[:1])
+            raise DatasetError(f'{err}{causes}') from err
 
 
 def first_pictures(plan: Plan, recording: Recording, episodes: Sequence[Rows],

@@ -183,6 +183,51 @@ def test_packed_files_of_a_split_follow_each_other(tmp_path: Path) -> None:
     assert recordings([files[0], files[2]]) == [[files[0]], [files[2]]]
 
 
+def write_files(folder: Path, names: dict[str, int], recording: str = 'a') -> list[Path]:
+    """Write files of two images each, by the number of the first one."""
+    records = [('opencv_tools', {'recording': recording})] if recording else []
+    return [write_mcap(folder / name, map(image_entry, (first, first + 1)), metadata=records)
+            for name, first in names.items()]
+
+
+@pytest.mark.parametrize('recording', ['a', ''])
+@pytest.mark.parametrize(('missing', 'warnings'), [
+    ([5], ['1 file is missing between d_4.mcap and d_6.mcap']),
+    ([2, 3, 9], ['2 files are missing between d_1.mcap and d_4.mcap',
+                 '1 file is missing between d_8.mcap and d_10.mcap']),
+    ([0, 1, 11], []), ([], [])])
+def test_missing_numbers_of_a_recording(
+        tmp_path: Path, missing: list[int], warnings: list[str], recording: str) -> None:
+    files = write_files(tmp_path, {f'd_{number}.mcap': 2 * number for number in range(12)
+                                   if number not in missing}, recording)
+    assert Bag(tmp_path / 'd_*', files).warnings == (warnings if recording else [])
+
+
+def test_file_between_others_that_is_no_part_of_the_bag(tmp_path: Path) -> None:
+    whole = write_files(tmp_path, {f'd_{number}.mcap': 2 * number for number in range(5)})
+    files = [whole[0], whole[2], whole[4]]
+    write_files(tmp_path, {'d_1.mcap': 2}, 'b')  # another recording
+    (tmp_path / 'd_1.txt').touch()
+    (tmp_path / 'd_3.txt').touch()
+    pack(whole[3])  # as a pattern for .mcap leaves it out
+    assert Bag(tmp_path / 'd_*.mcap', files).warnings == [
+        '1 file is missing between d_2.mcap and d_4.mcap']
+    assert Bag(tmp_path / 'd_*', whole[:3]).warnings == []  # of two recordings
+    (tmp_path / 'other').mkdir()
+    assert Bag(tmp_path / '*/d_*', [whole[0], *write_files(
+        tmp_path / 'other', {'d_5.mcap': 10})]).warnings == []
+
+
+def test_renamed_file_of_a_recording(tmp_path: Path) -> None:
+    files = write_files(tmp_path, {f'd_{number}.mcap': 2 * number for number in range(3)})
+    other = files[1].rename(tmp_path / 'other.mcap')
+    assert Bag(tmp_path / '*.mcap', [files[0], files[2], other]).warnings == [
+        '1 file is missing between d_0.mcap and d_2.mcap',
+        'other.mcap is read after d_2.mcap, but begins 0.080 s before it']
+    write_files(tmp_path, {'d_2.mcap': 4}, '')
+    assert Bag(tmp_path / '*.mcap', [files[0], files[2], other]).warnings == []
+
+
 @pytest.mark.parametrize(('data', 'reason'), [
     (b'no zstd at all', 'a.mcap.zstd cannot be decompressed: '),
     (b'', 'a.mcap.zstd is not an MCAP file'),

@@ -251,9 +251,12 @@ def test_missing_file_of_a_recording_is_said(
     split(tmp_path, Drive(seconds=1.7), borders, recording='a')
     for name in deleted:
         (tmp_path / f'{name}.mcap').unlink()
-    assert convert(tmp_path, tmp_path / 'set', *USUAL, '--max-gap', '0.2') in (0, 1)
-    printed = capsys.readouterr().err
-    assert missing in printed and (' missing between ' in printed) == bool(missing)
+    for words in ('--on-gap', 'split'), (), ('--dry-run',):
+        status = convert(tmp_path, tmp_path / 'set', *USUAL, '--max-gap', '0.2', '--overwrite',
+                         *words)
+        assert status == (bool(missing) and 'split' not in words)
+        printed = ''.join(capsys.readouterr())
+        assert missing in printed and printed.count(' missing between ') == bool(missing)
 
 
 def test_numbered_files_with_a_pause_are_recordings_of_their_own(tmp_path: Path) -> None:
