@@ -31,7 +31,7 @@ from opencv_tools.base.units import NANO
 from opencv_tools.datasets.errors import DatasetError
 from opencv_tools.datasets.plan import Interval, Plan, SHORTEN
 from opencv_tools.datasets.rows import (
-    choose, grid, needed_delay, pieces, Rows, Times, TOLERANCE_NS)
+    choose, grid, needed_delay, pieces, Rows, sample_ages, Times, TOLERANCE_NS)
 from opencv_tools.datasets.tracks import Recording, Track
 
 _MS = NANO // 1000
@@ -237,9 +237,8 @@ def _are_doubled(recording: Recording, rows: Rows) -> np.ndarray[Any, np.dtype[n
 
 def _ages(recording: Recording, rows: Rows) -> dict[str, Times]:
     """Return the age of the oldest number of each row in nanoseconds, by topic."""
-    return {name: np.maximum(np.abs(rows.times - recording.tracks[name].times[samples]),
-                             rows.times - recording.tracks[name].oldest[samples])
-            for name, samples in rows.samples.items()}
+    return {name: sample_ages(recording.tracks[name].times, recording.tracks[name].oldest,
+                              rows.times, samples) for name, samples in rows.samples.items()}
 
 
 def _spans(recording: Recording, plan: Plan, bag: str, end: int) -> list[Span]:

@@ -67,7 +67,7 @@ def topic_accounts(recording: Recording, wanted: Sequence[Rows], shown: Sequence
     """
     found = {}
     for name, track in recording.tracks.items():
-        one = match(track.times, wanted, shown, name)
+        one = match(track.times, track.oldest, wanted, shown, name)
         found[name] = asdict(replace(
             one, dropped=one.dropped + track.late + track.partial,
             before=one.before + track.left_out, failed=one.failed + track.failed,

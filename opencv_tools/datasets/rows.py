@@ -142,8 +142,9 @@ class Match:
     :param after: number of samples after the last row that are in no row.
     :param failed: number of messages that cannot be read or decoded.
     :param messages: number of messages of the topic, the sum of these but ``reused``.
-    :param median_error: median distance between a row and its sample, in seconds.
-    :param largest_error: largest distance, in seconds.
+    :param median_error: median distance between a row and the oldest number of its sample, or
+        the sample itself, in seconds.
+    :param largest_error: largest one of these distances, in seconds.
     """
 
     used: int = 0
@@ -157,11 +158,26 @@ class Match:
     largest_error: float = 0.0
 
 
-def match(times: Times, wanted: Sequence[Rows], shown: Sequence[Rows], name: str) -> Match:
+def sample_ages(times: Times, oldest: Times, rows: Times, samples: Times) -> Times:
+    """
+    Return the distance of rows from their samples, or from the oldest numbers of these, in ns.
+
+    :param times: (n,) increasing times of the samples.
+    :param oldest: (n,) time of the oldest number of each sample.
+    :param rows: (m,) times of the rows.
+    :param samples: (m,) number of the sample of each row.
+    :returns: (m,) the larger one of both.
+    """
+    return np.maximum(np.abs(rows - times[samples]), rows - oldest[samples])
+
+
+def match(times: Times, oldest: Times, wanted: Sequence[Rows], shown: Sequence[Rows], name: str,
+          ) -> Match:
     """
     Return how the samples of a topic fit the rows of some episodes.
 
     :param times: (n,) increasing times of the samples.
+    :param oldest: (n,) time of the oldest number of each sample.
     :param wanted: rows with the samples that belong to them.
     :param shown: the same rows with those that they have; the others could not be decoded.
     """
@@ -171,7 +187,7 @@ def match(times: Times, wanted: Sequence[Rows], shown: Sequence[Rows], name: str
     failed = np.setdiff1d(np.concatenate([one.samples[name] for one in wanted]), used)
     rest = np.delete(times, np.union1d(used, failed))
     before, after = (int(np.count_nonzero(one)) for one in (rest < rows[0], rest > rows[-1]))
-    errors = np.abs(rows - times[samples])
+    errors = sample_ages(times, oldest, rows, samples)
     return Match(
         len(used), len(rows) - sum(len(np.unique(one.samples[name])) for one in shown),
         len(rest) - before - after, before, after, len(failed), len(times),

@@ -104,7 +104,7 @@ def test_account_of_samples(pair: tuple[list[int], list[int]], cut: int) -> None
     samples = choose(times, rows, 'last')
     whole = Rows(rows, {'a': samples})
     episodes = [one for one in (whole.part(0, cut), whole.part(cut, len(rows))) if len(one.times)]
-    account = match(times, episodes, episodes, 'a')
+    account = match(times, times, episodes, episodes, 'a')
     used = set(samples.tolist())
     reused = sum(len(one.times) - len(set(one.samples['a'].tolist())) for one in episodes)
     others = [time for place, time in enumerate(times.tolist()) if place not in used]
@@ -113,6 +113,14 @@ def test_account_of_samples(pair: tuple[list[int], list[int]], cut: int) -> None
     assert (account.used, account.reused, account.before, account.after) == (
         len(used), reused, before, after)
     assert account.used + account.dropped + before + after == account.messages == len(times)
+    assert 0 <= len(rows) - account.used - reused < len(episodes)
     assert account.failed == 0
     assert account.largest_error == errors[-1] / NANO
     assert np.isclose(account.median_error * NANO, np.median(errors))
+
+
+def test_account_has_the_age_of_the_oldest_number() -> None:
+    times = np.array([0, 10, 20]) * NANO
+    rows = [Rows(times + NANO, {'a': np.arange(3)})]
+    account = match(times, times - np.array([0, 3, 9]) * NANO, rows, rows, 'a')
+    assert (account.median_error, account.largest_error) == (4, 10)
