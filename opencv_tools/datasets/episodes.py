@@ -106,13 +106,13 @@ def episodes_of(recording: Recording, plan: Plan, bag: str) -> list[Rows]:
         overlap.
     """
     tracks = recording.tracks
-    latest = max(tracks, key=lambda name: int(tracks[name].times[0]))
     last = max(int(track.times[-1]) for track in tracks.values())
     topics = {part: replace(track, times=times) for name, track in tracks.items()
               for part, times in (track.parts or {name: track.times}).items()}
+    latest = max(topics, key=lambda name: int(topics[name].times[0]))
     ends = {name: _end_of(track, plan, last) for name, track in topics.items()}
     earliest = min(ends, key=ends.__getitem__)
-    start, end = int(tracks[latest].times[0]), ends[earliest]
+    start, end = int(topics[latest].times[0]), ends[earliest]
     if end < start:
         before = start - int(topics[earliest].times[-1])
         raise DatasetError(f'{earliest} ends {before / NANO:.3f} s before {latest} begins, '
@@ -212,12 +212,22 @@ def _checked(recording: Recording, plan: Plan, rows: Rows) -> Rows:
     for name, ages in _ages(recording, complete).items():
         worst = int(np.argmax(ages))
         if ages[worst] > plan.max_gap * NANO:
+            stale = _oldest_number(recording.tracks[name], name, samples[name][worst])
             raise DatasetError(
-                f'{name} has no sample for {ages[worst] / NANO:.3f} s, '
+                f'{stale} has no sample for {ages[worst] / NANO:.3f} s, '
                 f'{(int(rows.times[worst]) - recording.start_ns) / NANO:.3f} s after the begin; '
                 f'at most {plan.max_gap:g} s are allowed: use a larger --max-gap, or --on-gap '
                 'split')
     return complete
+
+
+def _oldest_number(track: Track, name: str, sample: int) -> str:
+    """Return the name of the oldest number of a sample; that of the topic if all are as old."""
+    time = track.times[sample]
+    if track.oldest[sample] == time:
+        return name
+    return min(track.parts, key=lambda part: int(track.parts[part][
+        np.searchsorted(track.parts[part], time, 'right') - 1]))
 
 
 def _is_good(recording: Recording, plan: Plan, rows: Rows) -> np.ndarray[Any, np.dtype[np.bool_]]:

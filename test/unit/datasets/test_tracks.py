@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
 from itertools import count, pairwise, takewhile
+import json
 from pathlib import Path
 import re
 from typing import Any
@@ -811,9 +812,11 @@ def test_age_of_the_oldest_joint_is_that_of_the_row(
         joints_entry(BEGAN + step * S // 50, [float(step)], ['grip'], '/joint_states')
         for step in range(200) if not 50 <= step < 130])
     words = *CAMERA, *JOINTS_STATE, '--max-gap', gap
-    assert '/joint_states.position has no sample for 1.587 s' in refused(
+    assert '/joint_states.position.grip has no sample for 1.587 s' in refused(
         tmp_path, drive, capsys, *words)
     folder = converted(tmp_path, drive, *words, '--on-gap', 'split')
+    part, = json.loads((folder / 'meta/opencv_tools/bags.json').read_text())
+    assert gap - 0.04 < part['topics']['/joint_states.position']['largest_error'] <= gap
     assert abs(len(rows_of(folder)['index']) - 30 * (4 - 1.6 + gap)) < 4
 
 
@@ -835,3 +838,16 @@ def test_names_that_no_feature_can_have(name: str, tmp_path: Path, capsys: Error
     error = refused(tmp_path, Drive(seconds=0.3), capsys, *CAMERA, '--vector',
                     f'{name}=/joint_states.position')
     assert 'does not name a feature' in error or 'cannot have the name' in error
+
+
+def test_late_joint_and_pause_of_all_joints_are_named(tmp_path: Path, capsys: Errors) -> None:
+    drive = Drive(seconds=4.0, others=[
+        joints_entry(BEGAN + step * S // 50, [float(step)], ['grip'], '/joint_states')
+        for step in range(101, 200)])
+    words = *CAMERA, *JOINTS_STATE
+    assert '/joint_states.position.grip has no sample for the first 2.020 s of' in refused(
+        tmp_path, drive, capsys, *words)
+    drive.others = [joints_entry(BEGAN + step * S // 50, [0.0] * 3, topic='/arm')
+                    for step in range(200) if not 50 <= step < 130]
+    assert '/arm.position has no sample for 1.587 s' in refused(
+        tmp_path, drive, capsys, *CAMERA, '--state', '/arm.position')
