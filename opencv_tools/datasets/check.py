@@ -48,7 +48,7 @@ def check_set(folder: Path, log: Log) -> bool:
         frames = FrameStatistics([row['length'] for row in episodes])
         reader.on_frame = frames.add
         problems += row_problems(reader, episodes, columns)
-        problems += account_problems(reader, account)
+        problems += account_problems(reader, episodes, account)
         problems += info_problems(reader, episodes)
         problems += task_problems(reader, episodes, columns.get('task_index', np.zeros(0)))
         problems += file_problems(reader, episodes)
@@ -74,7 +74,8 @@ def check_set(folder: Path, log: Log) -> bool:
     return True
 
 
-def account_problems(reader: SetReader, lines: list[str]) -> Iterator[str]:
+def account_problems(reader: SetReader, episodes: list[dict[str, Any]], lines: list[str],
+                     ) -> Iterator[str]:
     """
     Yield what is wrong with the account of the messages of the bags, if there is one.
 
@@ -84,20 +85,36 @@ def account_problems(reader: SetReader, lines: list[str]) -> Iterator[str]:
     if not (reader.folder / SOURCES).is_file():
         return
     parts = reader.read_json(SOURCES, list)
+    lengths = [row['length'] for row in episodes]
     try:
-        for name, one in ((name, one) for part in parts for name, one in part['topics'].items()):
-            total = sum(one[key] for key in COUNTS)
-            wrong = [key for key in (*COUNTS, 'reused') if type(one[key]) is not int
-                     or one[key] < 0]
-            if wrong:
-                yield (f'{SOURCES} has {one[wrong[0]]!r} for {wrong[0]} of {printable(name)}, not '
-                       'an integer from 0 on')
-            if total != one['messages']:
-                yield (f'{SOURCES} has {one["messages"]!r} messages of {printable(name)}, but '
-                       f'accounts for {total}')
+        for part in parts:
+            own, lengths = lengths[:part['episodes']], lengths[part['episodes']:]
+            for name, one in part['topics'].items():
+                yield from _topic_problems(printable(name), one, own)
+        if lengths:
+            yield f'{SOURCES} has {len(episodes) - len(lengths)} of {len(episodes)} episodes'
         lines += topic_lines(parts)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as err:
         yield f'{SOURCES} has no valid account: {type(err).__name__}: {printable(err)}'
+
+
+def _topic_problems(name: str, one: dict[str, Any], lengths: list[int]) -> Iterator[str]:
+    """
+    Yield what is wrong with the account of a topic.
+
+    :param lengths: number of rows of each episode of the bag.
+    """
+    total = sum(one[key] for key in COUNTS)
+    wrong = [key for key in (*COUNTS, 'reused') if type(one[key]) is not int or one[key] < 0]
+    if wrong:
+        yield (f'{SOURCES} has {one[wrong[0]]!r} for {wrong[0]} of {name}, not an integer from 0 '
+               'on')
+    if total != one['messages']:
+        yield f'{SOURCES} has {one["messages"]!r} messages of {name}, but accounts for {total}'
+    # The sample before the border of two episodes may be in both.
+    if not 0 <= sum(lengths) - one['used'] - one['reused'] < max(1, len(lengths)):
+        yield (f'{SOURCES} has {one["used"]} samples of {name} in rows and {one["reused"]} rows '
+               f'that repeat one, but its episodes have {sum(lengths)} rows')
 
 
 _NUMBERS = ('bool', 'int8', 'int16', 'int32', 'int64', 'uint8', 'uint16', 'uint32', 'uint64',

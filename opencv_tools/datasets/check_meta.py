@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -45,6 +45,7 @@ def info_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator
     chunks = reader.info.get('chunks_size')
     if not isinstance(chunks, int) or isinstance(chunks, bool) or chunks < 1:
         yield f'{INFO} has chunks_size {printable(chunks)}, not an integer from 1 on'
+    is_own = (reader.folder / FILES).parent.is_dir()
     for key, feature in reader.features.items():
         names = feature.get('names')
         lists = [*names.values()] if isinstance(names, dict) else [names]
@@ -52,7 +53,8 @@ def info_problems(reader: SetReader, episodes: list[dict[str, Any]]) -> Iterator
                     and len(feature['shape']) == 1):
             size = feature['shape'][0]
             texts = [*map(str, one)]
-            if len(lists) == 1 and len(one) not in (1, size):
+            # Other programs name a whole feature, such as 'state'.
+            if len(lists) == 1 and len(one) not in ((size,) if is_own else (1, size)):
                 yield f'{INFO} has {len(one)} names of {printable(key)} for {size} numbers'
             elif len({*texts}) < len(texts):
                 yield f'{INFO} has a name of {printable(key)} twice'
@@ -186,6 +188,7 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
         key: [numbers_statistics(1 * values[begin:end])
               for begin, end in spans if begin < end] for key, values in columns.items()
         if np.isfinite(values).all() and max(end for _, end in spans) <= len(values)}}
+    yield from _other_statistics(reader, total, stored)
     yield from (f'{STATS} has no statistics of {printable(key)}'
                 for key, feature in reader.features.items() if not isinstance(total.get(key), dict)
                 and (key in columns or feature['dtype'] in ('image', 'video')))
@@ -220,6 +223,14 @@ def statistics_problems(reader: SetReader, episodes: list[dict[str, Any]],
             for name in wrong:
                 yield (f'the table of episodes has another {name} of {printable(key)} than the '
                        f'rows of episode {number}')
+
+
+def _other_statistics(reader: SetReader, total: Collection[str], columns: Collection[str],
+                      ) -> Iterator[str]:
+    """Yield which statistics of the set, or columns with those of episodes, have no feature."""
+    names = {*total, *(one.removeprefix('stats/').rpartition('/')[0] for one in columns)}
+    yield from (f'there are statistics of {printable(key)}, which {INFO} does not have'
+                for key in sorted(names - {*reader.features}))
 
 
 def _is_count(given: Any, sampled: NDArray[Any], is_image: bool, lengths: list[int]) -> bool:

@@ -219,6 +219,10 @@ FOREIGN: dict[str, tuple[Change, str]] = {
                       f'another count of {STATE} than the rows of episode 1'),
     'episode image count': (episode_stats(FRONT, 'count', [999]),
                             f'another count of {FRONT} than the rows of episode 1'),
+    'statistics of no feature': (change_json(STATS, 'force', value={'mean': [0.0]}),
+                                 'there are statistics of force, which meta/info.json does not'),
+    'statistics of an episode of no feature': (rewrite(EPISODES, lambda table: table.append_column(
+        'stats/force/mean', pa.array([[0.0], [0.0]]))), 'there are statistics of force, which'),
     'colours lost': (frames(lambda images: [gray(image) for image in images]),
                      f'another mean of {FRONT}'),
 }
@@ -321,6 +325,15 @@ DAMAGES: dict[str, tuple[Change, str]] = {
                          'bags.json has -3 for after of front, not an integer from 0 on'),
     'negative repeats': (change_json(SOURCES, 1, 'topics', 'front', 'reused', value=-1),
                          'bags.json has -1 for reused of front, not an integer from 0 on'),
+    'used and dropped': (lambda folder: [
+        change_json(SOURCES, 0, 'topics', 'front', name, value=value)(folder)
+        for name, value in (('used', 0), ('dropped', 30))],
+        'bags.json has 0 samples of front in rows and 0 rows that repeat one, but its episodes '
+        'have 30 rows'),
+    'bag missing': (lambda folder: (folder / SOURCES).write_text(json.dumps(json.loads(
+        (folder / SOURCES).read_text())[:1])), 'bags.json has 1 of 2 episodes'),
+    'one name of three': (feature('action', 'names', value=['action']),
+                          'has 1 names of action for 3 numbers'),
     'no account': (change_json(SOURCES, 1, 'topics', value=[]), 'bags.json has no valid account'),
     'task table': (rewrite('meta/tasks.parquet', cell('task_index', 0, 4)), 'does not number its'),
 }
@@ -395,7 +408,7 @@ def test_other_right_metadata_pass(key: Change, copied: Path, capsys: Errors) ->
     ([8], ['state']), ([2], {'motors': ['a', 'b'], 'units': ['rad', 'm']}), ([7], []), ([7], {})])
 def test_names_of_public_sets_pass(shape: list[int], names: Any) -> None:
     reader: Any = SimpleNamespace(info={'chunks_size': 1000}, video_keys=[], features={
-        'a': {'dtype': 'float32', 'shape': shape, 'names': names}})
+        'a': {'dtype': 'float32', 'shape': shape, 'names': names}}, folder=Path('of others'))
     assert [*info_problems(reader, [])] == []
 
 
@@ -503,7 +516,7 @@ def problems_of(folder: Path) -> list[str]:
         frames = FrameStatistics([row['length'] for row in episodes])
         reader.on_frame = frames.add
         return [*row_problems(reader, episodes, columns), *info_problems(reader, episodes),
-                *account_problems(reader, []), *file_problems(reader, episodes),
+                *account_problems(reader, episodes, []), *file_problems(reader, episodes),
                 *task_problems(reader, episodes, columns.get('task_index', np.zeros(0))),
                 *video_problems(reader, episodes),
                 *statistics_problems(reader, episodes, columns, frames)]
