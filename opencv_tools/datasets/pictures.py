@@ -77,8 +77,9 @@ def with_rows(plan: Plan, recording: Recording, bag: str,
         except _FirstPicturesError as err:
             recording = err.without(recording)
         except DatasetError as err:
-            causes = ''.join(f' ({warning})' for warning in recording.bag.warnings[:1])
-            raise DatasetError(f'{err}{causes}') from err
+            if not recording.bag.warnings:
+                raise
+            raise DatasetError(f'{err} ({recording.bag.warnings[0]})') from err
 
 
 def first_pictures(plan: Plan, recording: Recording, episodes: Sequence[Rows],
