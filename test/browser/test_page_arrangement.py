@@ -219,6 +219,24 @@ def test_many_topics_and_the_visible_ones(
     page.wait_for(f'{asked}.every((name) => name.includes("_11"))')
 
 
+@pytest.mark.parametrize('turns', range(4))
+@pytest.mark.parametrize(('width', 'height'), [(300, 60), (60, 300), (96, 90)])
+def test_turned_picture_fills_its_frame(turns: int, width: int, height: int, viewer: Viewer,
+                                        browser: Browser, camera: Node) -> None:
+    Camera(camera, '/front', LATCHED).publish_image(
+        np.zeros((height, width, 3), np.uint8), 'bgr8')
+    page = browser.new_page(f'{viewer.url}?topic=/front&turn=/front:{turns}', 1000, 700)
+    page.wait_for('document.querySelector(".tile canvas")?.hidden === false')
+    page.wait_for_paint()
+    shares = page.evaluate("""(() => {
+      const canvas = document.querySelector('.tile canvas');
+      const [one, frame] = [canvas, canvas.closest('.frame')].map(
+        (each) => each.getBoundingClientRect());
+      return [one.width / frame.width, one.height / frame.height];
+    })()""")
+    assert max(shares) == pytest.approx(1, abs=0.01)
+
+
 def test_turned_and_flipped_picture(viewer: Viewer, browser: Browser, camera: Node) -> None:
     image = np.random.default_rng(2).integers(0, 256, (48, 64, 3), np.uint8)
     Camera(camera, '/front', LATCHED).publish_image(image, 'bgr8')
