@@ -24,6 +24,7 @@ from opencv_tools.base.text import printable
 from opencv_tools.base.units import NANO
 from opencv_tools.image.errors import VideoError
 from opencv_tools.video.last_sets import LastSets
+from opencv_tools.video.levels import find_level, with_level
 from opencv_tools.video.packet import ENCODED, VideoPacket
 from opencv_tools.video.parameter_sets import is_key_frame
 from opencv_tools.video.pixels import to_i420
@@ -61,6 +62,7 @@ class VideoEncoder:
         self._last_ns: int | None = None
         self._key_ns: int | None = None
         self._sets = LastSets(self.codec)
+        self._level = find_level(self.codec, width, height, settings.bit_rate)
         self._context = self._open()
 
     def encode(self, image: NDArray[Any], encoding: str, stamp_ns: int, key: bool = False,
@@ -88,6 +90,8 @@ class VideoEncoder:
         is_key = is_key_frame(self.codec, data)
         if is_key:
             self._key_ns = stamp_ns
+            if self._level:
+                data = with_level(self.codec, data, self._level)
             # Some encoders send their parameter sets only once.
             data = self._sets.complete(data) or data
         return VideoPacket(
@@ -151,7 +155,8 @@ class VideoEncoder:
         context.pix_fmt = next((name for name in _PIXEL_FORMATS if name in known), 'yuv420p')
         context.framerate, context.time_base = NOMINAL_RATE, _TICK
         context.thread_type = 'SLICE'
-        context.options = encoder_options(self._settings, width, height, self._rate)
+        context.options = encoder_options(
+            self._settings, width, height, self._rate, self._level)
         context.open()
         return context
 

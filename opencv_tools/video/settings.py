@@ -63,11 +63,12 @@ class _Family:
     preset: str = ''
     quality: str = ''  # option of the constant quality
     parameters: str = ''  # option with the parameters of the library
+    level: str = ''  # option of the level, for which FFmpeg lowers the number of references
     always: dict[str, str]
 
 
 _FAMILIES = (
-    _Family(end='libx264', preset='superfast', quality='crf',
+    _Family(end='libx264', preset='superfast', quality='crf', level='level',
             always={'tune': 'zerolatency', 'forced-idr': '1'}),
     _Family(end='libx265', preset='superfast', quality='crf', parameters='x265-params', always={
         'tune': 'zerolatency', 'forced-idr': '1',
@@ -182,21 +183,24 @@ def find_encoder(settings: VideoSettings) -> tuple[str, Any]:
 
 
 def encoder_options(settings: VideoSettings, width: int, height: int, rate: float,
-                    ) -> dict[str, str]:
+                    level: int) -> dict[str, str]:
     """
     Return the options of FFmpeg for an encoder without delay, which counts `NOMINAL_RATE`.
 
-    So parameter sets do not depend on the rate of the frames.
+    So parameter sets do not depend on the rate of the frames, except for the level.
 
     :param width: width of the picture in pixels.
     :param height: height of the picture in pixels.
     :param rate: frames per second.
+    :param level: level of the video, as in its parameter sets.
     """
     family = _family(settings)
     threads = min(4, os.cpu_count() or 1) if width * height > _ONE_THREAD_PIXELS else 1
     options = {**_OPTIONS, **family.always, 'threads': str(threads)}
     if family.parameters:
         options[family.parameters] += str(threads)
+    if family.level:
+        options[family.level] = str(level)
     if settings.preset or family.preset:
         options['preset'] = settings.preset or family.preset
     if family.quality and not settings.bit_rate:

@@ -47,6 +47,8 @@ from opencv_tools.recording.video.writer import count_frames
 from opencv_tools.video.messages import cdr_to_video, FFMPEG_PACKET
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import is_key_frame, parameter_sets, read_extradata
+from opencv_tools.video.settings import VideoSettings
+from opencv_tools.video.stream import VideoStream
 from playback import frames_of as frames_of_source
 import pytest
 from recordings import open_videos
@@ -101,6 +103,26 @@ def test_av1_of_another_encoder(tmp_path: Path, suffix: str, has_delimiters: boo
     videos.close()
     with av.open(str(tmp_path / f'a{suffix}')) as container:
         assert len([*container.decode(video=0)]) == len(sent)
+
+
+@every_format
+@pytest.mark.parametrize('codec', CODECS)
+def test_one_file_while_the_frame_rate_changes(
+        tmp_path: Path, codec: str, suffix: str) -> None:
+    clock, packets, encoders = 0.0, [], set()
+    stream = VideoStream(VideoSettings(codec=codec, bit_rate=1_500_000), lambda: clock)
+    for rate, count in ((3, 15), (90, 200), (3, 30)):
+        for _ in range(count):
+            clock += 1 / rate
+            packets.append(stream.encode(flat(len(packets)), 'bgr8', round(clock * NANO)))
+            encoders.add(stream._encoder)
+    assert len(encoders) > 2
+    videos = open_videos(tmp_path, f'a{suffix}')
+    assert put(videos, *frames_of(packets)) == []
+    videos.close()
+    assert recorded_files(tmp_path) == [tmp_path / f'a{suffix}']
+    with av.open(str(tmp_path / f'a{suffix}')) as container:
+        assert len([*container.decode(video=0)]) == len(packets)
 
 
 @every_format

@@ -107,12 +107,12 @@ def test_known_webcodecs_names(
 def test_webcodecs_name_of_the_high_tier() -> None:
     sps = next(unit for unit in nal_units(packets('h265')[0].data) if unit[0] >> 1 == 33)
     high = START_CODE + sps[:3] + bytes((sps[3] | 0x20,)) + sps[4:]
-    assert webcodecs_name('h265', high) == 'hev1.1.6.H60.90'
+    assert webcodecs_name('h265', high) == 'hev1.1.6.H93.90'
 
 
 @every_codec
 def test_webcodecs_names_of_own_packets(codec: str) -> None:
-    names = {'h264': 'avc1.64000B', 'h265': 'hev1.1.6.L60.90'}
+    names = {'h264': 'avc1.64001F', 'h265': 'hev1.1.6.L93.90'}
     key, following = packets(codec)[:2]
     assert webcodecs_name(codec, key.data) == names[codec]
     assert webcodecs_name(codec, following.data) is None

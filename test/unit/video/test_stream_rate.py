@@ -158,8 +158,11 @@ def test_rate_that_is_told_holds_at_once(before: int, after: int) -> None:
 
 
 @every_codec
-def test_parameter_sets_do_not_depend_on_the_rate(codec: str) -> None:
-    settings = VideoSettings(codec=codec, bit_rate=BITS)
-    image = np.zeros((480, 640, 3), np.uint8)
-    assert len({parameter_sets(codec, VideoEncoder(settings, 640, 480, rate).encode(
-        image, 'bgr8', 0).data) for rate in (5, 17, 30, 120)}) == 1
+@pytest.mark.parametrize('size', [(320, 240), (1280, 720), (37, 1003)])
+@pytest.mark.parametrize('bit_rate', [0, 10_000, BITS, 3_000_000])
+def test_parameter_sets_do_not_depend_on_the_rate(
+        codec: str, size: tuple[int, int], bit_rate: int) -> None:
+    settings = VideoSettings(codec=codec, bit_rate=bit_rate)
+    image = np.zeros((*size[::-1], 3), np.uint8)
+    assert len({parameter_sets(codec, VideoEncoder(settings, *size, rate).encode(
+        image, 'bgr8', 0).data) for rate in (0.5, 3, 10, 17, 30, 120)}) == 1
