@@ -44,7 +44,7 @@ _CODEC_REMEDY = f'give one of {", ".join(ENCODED)}, or an encoder of FFmpeg such
 _MAX_QUALITY = 51
 _BIT_RATES = (10_000, 1_000_000_000)
 _MAX_KEY_INTERVAL = 3600.0
-_MOST_BITS = 2_000_000_000  # a second, of libx264
+_LEAST_BITS, _MOST_BITS = 1000, 2_000_000_000  # a second, of libx264
 #: Frames per second that all encoders are told.
 NOMINAL_RATE = 30
 _BITS_A_PIXEL = 0.1  # of encoders without a constant quality
@@ -206,7 +206,7 @@ def encoder_options(settings: VideoSettings, width: int, height: int, rate: floa
     if family.quality and not settings.bit_rate:
         return {**options, family.quality: str(settings.quality), 'b': '0'}
     bits = settings.bit_rate or max(_BIT_RATES[0], int(_BITS_A_PIXEL * width * height * rate))
-    told = str(min(_MOST_BITS, round(bits * NOMINAL_RATE / rate)))
+    told = str(min(_MOST_BITS, max(_LEAST_BITS, round(bits * NOMINAL_RATE / rate))))
     return {**options, 'b': told, 'maxrate': told, 'bufsize': str(bits)}
 
 
