@@ -135,6 +135,7 @@ class PublishLoop:
         self._is_live = False  # until the source is open
         self._unseen = 0  # frames without subscribers
         self._unfit = 0  # frames that were not sent in a form that has subscribers
+        self._keyless = 0  # frames before the key frame that their subscribers wait for
         self._captured = ''  # encoding of the frames of a file; a camera has several
         self._reopening = Delay(node, _CHANGE_SECONDS, self._grabber.reopen)
         self._diagnostics = Diagnostics(node, self._source_status)
@@ -195,7 +196,9 @@ class PublishLoop:
         if may_wait and self._unseen:
             unseen += ' (wait_for_subscribers:=1 waits for the first one)'
         unfit = (f', {self._unfit} in no form that its subscribers receive' if self._unfit else '')
-        sent = self._progress.count - self._unseen - self._unfit
+        if self._keyless:
+            unfit += f', {self._keyless} waiting for a key frame of the source'
+        sent = self._progress.count - self._unseen - self._unfit - self._keyless
         partly = ''.join(describe_partly_sent(topics.frames.sent, sent)
                          for topics in self._topics.outputs)
         others = (f'; {self._topic_player.count} messages of other topics'
@@ -298,11 +301,13 @@ class PublishLoop:
 
     def _count_unsent(self) -> None:
         is_wanted = self._topics.has_subscribers(of_frames=True)
-        self._unfit += is_wanted
+        needs_key = is_wanted and self._topics.needs_key_frame
+        self._keyless += needs_key
+        self._unfit += is_wanted and not needs_key
         self._unseen += not is_wanted
         self._progress.tick(
             'no subscribers' if not is_wanted else
-            'waiting for a key frame of the source' if self._topics.needs_key_frame else
+            'waiting for a key frame of the source' if needs_key else
             'not in a form with subscribers',
             dropped=self._events.dropped, missed=self._grabber.missed)
         self._diagnostics.count()

@@ -169,12 +169,15 @@ def test_frames_before_the_first_subscriber(
                                    '(wait_for_subscribers:=1 waits for the first one)')
 
 
-@pytest.mark.parametrize(('is_wanted', 'needs_key', 'said'), [
-    (True, True, 'waiting for a key frame of the source'),
-    (True, False, 'not in a form with subscribers'), (False, True, 'no subscribers')])
+@pytest.mark.parametrize(('is_wanted', 'needs_key', 'said', 'counted'), [
+    (True, True, 'waiting for a key frame of the source', 'waiting for a key frame of the source'),
+    (True, False, 'not in a form with subscribers', 'in no form that its subscribers receive'),
+    (False, True, 'no subscribers',
+     'without subscribers (wait_for_subscribers:=1 waits for the first one)')])
 def test_why_a_frame_is_not_sent(
         node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-        capfd: pytest.CaptureFixture[str], is_wanted: bool, needs_key: bool, said: str) -> None:
+        capfd: pytest.CaptureFixture[str], is_wanted: bool, needs_key: bool, said: str,
+        counted: str) -> None:
     path = write_mcap(tmp_path / 'a.mcap', [image_entry(number) for number in range(3)])
     loop = create_loop(node, source=str(path), publish_rate=0.0)
     monkeypatch.setattr(loop._topics, 'publish', lambda *_, **__: False)
@@ -182,6 +185,7 @@ def test_why_a_frame_is_not_sent(
     monkeypatch.setattr(type(loop._topics), 'needs_key_frame', needs_key)
     assert loop.run() == EXIT_OK
     assert f'frame 1: {said}' in capfd.readouterr().err
+    assert loop.summary().partition(' Hz, ')[2] == f'0 dropped, 3 {counted}'
 
 
 @pytest.mark.parametrize(('subscribed', 'kind', 'encoding', 'unsent'), [
