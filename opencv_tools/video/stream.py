@@ -37,6 +37,8 @@ _FIRST_SECONDS, _SECONDS, _MIN_FRAMES, _FRAMES, _TOLERANCE = 0.1, 2.0, 4, 16, 0.
 # A rate that is twice as high is certain earlier, a lower one later: an encoder that is told too
 # few frames exceeds its bit rate, and each new one begins with a key frame.
 _RISE_FRAMES, _RISE_SECONDS, _RISE, _FALL_SECONDS = 6, 0.25, 2.0, 4.0
+# A rate that rises is told as it will be, so that few encoders follow a slow rise.
+_AHEAD_SECONDS = 2.0
 _PAUSE = 4.0  # periods without a frame that are no part of the rate
 
 Picture = tuple[NDArray[Any], str] | VideoPacket
@@ -106,8 +108,8 @@ class VideoStream:
         """
         Measure the rate by the time of a frame, and keep it until another one is certain.
 
-        It is the highest of the last seconds. ``encode`` calls this; frames that are not encoded
-        can be measured, too.
+        It is the highest of the last seconds, or that of 2 s later if it rises. ``encode`` calls
+        this; frames that are not encoded can be measured, too.
 
         :returns: the time of the frame.
         """
@@ -123,16 +125,18 @@ class VideoStream:
         seconds, count = now - times[0], len(times) - 1
         enough = (_SECONDS / 2, _FRAMES / 2) if known else (_FIRST_SECONDS, _MIN_FRAMES - 1)
         rate = count / seconds if seconds >= enough[0] and count >= enough[1] else 0.0
+        slope = _slope(times) if known and rate > known * (1 + _TOLERANCE) else 0.0
         if known and seconds >= _RISE_SECONDS:
             latest = sum(1 for _ in takewhile(lambda at: now - at < _RISE_SECONDS,
                                               reversed(times)))
             if latest >= max(_RISE_FRAMES, _RISE * known * _RISE_SECONDS):
-                rate = latest / _RISE_SECONDS
+                rate, slope = latest / _RISE_SECONDS, 0.0
         self._highest = max(self._highest, rate)
         if rate >= known * (1 - _TOLERANCE) or not rate:
             self._fell_at, self._highest = now, rate
         if rate > known * (1 + _TOLERANCE) or now > self._fell_at + _FALL_SECONDS:
-            self._rate, self._fell_at, self._highest = self._highest, now, 0.0
+            ahead = min(slope * _AHEAD_SECONDS, rate)
+            self._rate, self._fell_at, self._highest = self._highest + ahead, now, 0.0
             times.clear()
             times.append(now)
         return now
@@ -170,3 +174,12 @@ class VideoStream:
         """Close the encoder. The next packet is a key frame."""
         self._encoder = None
         self._passes = False
+
+
+def _slope(times: deque[float]) -> float:
+    """Return how much the rate of frames rises, in Hz per second; 0 if it falls."""
+    half = len(times) // 2
+    older, newer = times[half] - times[0], times[-1] - times[half]
+    if not older or not newer:
+        return 0.0
+    return max(0.0, (len(times) - 1 - half) / newer - half / older) * 2 / (older + newer)

@@ -75,6 +75,34 @@ def test_quality_does_not_depend_on_the_frame_rate() -> None:
     assert stream._encoder is first
 
 
+def rising(before: float, after: float, seconds: float) -> list[float]:
+    """Return times of frames whose rate is steady for 4 s, rises evenly, and is steady again."""
+    random, times, at = np.random.default_rng(0), [], 0.0
+    while at < 4 + seconds + 6:
+        rate = before + (after - before) * min(1.0, max(0.0, at - 4) / seconds)
+        times.append(at + 0.2 * random.random() / rate)
+        at += 1 / rate
+    return times
+
+
+@pytest.mark.parametrize(('before', 'after', 'seconds', 'most'), [
+    (5, 60, 14, 7), (10, 30, 10, 5), (23, 79, 12, 5)])
+def test_few_encoders_follow_a_slow_rise(
+        before: float, after: float, seconds: float, most: int) -> None:
+    clock = [0.0]
+    stream = VideoStream(VideoSettings(bit_rate=BITS), lambda: clock[0])
+    stream.expected_rate = before
+    sizes, encoders = [], set()
+    for at in rising(before, after, seconds):
+        sizes += bits(stream, [at], clock)
+        encoders.add(stream._encoder)
+    assert len(encoders) <= most
+    for begin in range(int(seconds) + 4):
+        found = sum(size for at, size in sizes if begin <= at < begin + 4) / 4
+        assert 0.7 * BITS < found < 1.3 * BITS
+    assert stream._rate == pytest.approx(after, rel=0.15)
+
+
 @pytest.mark.parametrize('rate', [5, 20, 120, 43])
 def test_expected_rate_keeps_one_encoder(rate: int) -> None:
     clock = [0.0]
