@@ -161,7 +161,7 @@ class VideoSource:
         except (self._av.error.FFmpegError, OSError, StopIteration) as err:
             raise CaptureError(f'{self.name} cannot be read: {err}') from err
         self._packets = VideoPackets(
-            self._readable(chain((first,), packets)), self._container, context)
+            self._readable(chain((first,), packets)), self._container, context.name)
         self._decoded = deque[Any]()
         self._number = 0
         self._clock = _FileClock(self._container, stream, self.rate)

@@ -36,15 +36,14 @@ class VideoPackets(Iterator[Any]):
     need it, until a key frame is passed over.
     """
 
-    def __init__(self, packets: Iterable[Any], container: Any, context: Any) -> None:
+    def __init__(self, packets: Iterable[Any], container: Any, codec: str) -> None:
         """
         Read from an iterator.
 
-        :param context: codec context that decodes the packets.
+        :param codec: name of the codec in FFmpeg, such as ``'hevc'``.
         """
         self._packets = iter(packets)
-        self._context = context
-        self._has_times = (context.name in _PLAIN_CODECS
+        self._has_times = (codec in _PLAIN_CODECS
                            and container.format.name.startswith(_PLAIN))
         self._kept: list[Any] = []
         self._times: list[int] = []  # heap of pictures that are not shown
@@ -78,7 +77,6 @@ class VideoPackets(Iterator[Any]):
                    and packet.pts <= self.passed), default=0)
         if key:  # no later picture needs the packets before
             del self._kept[:key]
-            self._context.flush_buffers()
         return self.passed
 
     def _demux(self) -> Any:
