@@ -35,6 +35,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from threading import Thread
 import time
 from typing import Any
 
@@ -50,7 +51,7 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
@@ -546,6 +547,25 @@ def executor_of(node: Node) -> Iterator[CountingExecutor]:
     try:
         yield executor
     finally:
+        executor.shutdown()
+
+
+@contextmanager
+def spinning(executor: Executor) -> Iterator[None]:
+    """
+    Spin an executor in a thread for a while, then shut it down.
+
+    ``shutdown`` of rclpy 7.1 triggers a guard condition and destroys it, which a thread that is
+    about to wait misses for ever. So a future ends the spinning before.
+    """
+    ended = Future()
+    thread = Thread(target=executor.spin_until_future_complete, args=(ended,))
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set_result(None)
+        thread.join()
         executor.shutdown()
 
 

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from typing import Any
 
-from conftest import destroy, NodeProcess, recorded_files
+from conftest import destroy, NodeProcess, recorded_files, spinning
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterDescriptor, ParameterValue, SetParametersResult
@@ -138,11 +138,8 @@ def odd_camera(domain: int) -> Iterator[OddCamera]:
     camera = OddCamera(node)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    thread = Thread(target=executor.spin)
-    thread.start()
-    yield camera
-    executor.shutdown()
-    thread.join()
+    with spinning(executor):
+        yield camera
     destroy(node)
 
 

@@ -29,7 +29,7 @@ from types import FrameType
 from typing import Any
 import uuid
 
-from conftest import destroy, spin_until
+from conftest import destroy, spin_until, spinning
 from numbered_nodes import offer
 from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscriber
 from opencv_tools.topics.errors import ParameterError
@@ -221,25 +221,19 @@ def test_changes_in_an_executor_of_several_threads(camera: Node, node: Node) -> 
     receiver.match(ours)
     executor = MultiThreadedExecutor(4, context=node.context)
     executor.add_node(node)
-    with switching_threads('opencv_tools.') as errors:
-        spinning = Thread(target=executor.spin)
-        spinning.start()
+    with switching_threads('opencv_tools.') as errors, spinning(executor):
 
         def wait() -> None:
             assert errors == []
             pause(0.001)
 
-        try:
-            for _ in range(10):
-                receiver.send_until(lambda: receiver.is_sharing, ours, wait)
-                offer(ours.frames, 'withdraw')
-                receiver.send_until(lambda: not receiver.is_sharing, ours, wait)
-                offer(ours.frames, 'share')
-            receiver.send_until(lambda: receiver.numbers[-1] == ours.sent, ours, wait, ahead=0)
-            assert errors == []
-        finally:
-            executor.shutdown()  # rclpy may raise an error in the thread that spins
-            spinning.join()
+        for _ in range(10):
+            receiver.send_until(lambda: receiver.is_sharing, ours, wait)
+            offer(ours.frames, 'withdraw')
+            receiver.send_until(lambda: not receiver.is_sharing, ours, wait)
+            offer(ours.frames, 'share')
+        receiver.send_until(lambda: receiver.numbers[-1] == ours.sent, ours, wait, ahead=0)
+        assert errors == []
     receiver.assert_counted(ours)
     receiver.subscriber.destroy()
 

@@ -39,6 +39,7 @@ import pytest
 import rclpy
 from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.task import Future
 from waiting import LONGEST_SECONDS
 
 TOPIC = 'video_frames'
@@ -125,6 +126,7 @@ class Spinning:
         self.node.create_timer(0.002, lambda: self._camera.publish(IMAGE))
         self.node.receive_frames(TOPIC, lambda _: None, transport='video')
         executor.add_node(self.node)
+        self._ended = Future()
         self._thread = Thread(target=self._spin)
         self._thread.start()
 
@@ -137,14 +139,15 @@ class Spinning:
         assert is_run.is_set()
 
     def close(self) -> None:
-        self.executor.shutdown()
+        self._ended.set_result(None)  # see `conftest.spinning`
         self._thread.join()
+        self.executor.shutdown()
         self.node.close()
         self.node.destroy_node()
 
     def _spin(self) -> None:
         try:
-            self.executor.spin()
+            self.executor.spin_until_future_complete(self._ended)
         except BaseException as err:  # noqa: B902 - of any callback
             self.errors.append(err)
 

@@ -19,10 +19,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from concurrent.futures import ThreadPoolExecutor
-from threading import Thread
 from typing import Any
 
-from conftest import spin_until
+from conftest import spin_until, spinning
 from opencv_tools.base.logs import Log
 from opencv_tools.viewer import hub as hub_module
 from opencv_tools.viewer.errors import RequestError
@@ -77,8 +76,6 @@ def run(node: Node) -> Run:
         calls = ExecutorCalls(node, log)
         executor = SingleThreadedExecutor(context=node.context)
         executor.add_node(node)
-        thread = Thread(target=executor.spin)
-        thread.start()
 
         async def begin() -> None:
             with ThreadPoolExecutor(1) as pool:
@@ -86,11 +83,8 @@ def run(node: Node) -> Run:
                           FailingGraph(node, (), 'auto', log, None), calls, pool, log)
                 await result_of(work(hub))
 
-        try:
+        with spinning(executor):
             asyncio.run(begin())
-        finally:
-            executor.shutdown()
-            thread.join()
 
     return _run
 
