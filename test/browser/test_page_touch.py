@@ -74,13 +74,24 @@ def tap(page: Page, place: dict[str, float], count: int = 1) -> None:
 
 def press(page: Page, element: str) -> None:
     """Tap an element that JavaScript returns, where a finger finds it."""
-    # A finger finds what was drawn last: after the scrolling, in the next picture but one.
-    x, y = page.evaluate(
-        f'(async () => {{ const one = {element}; one.scrollIntoView({{block: "center"}}); '
-        'for (let frame = 0; frame < 2; frame++) await new Promise(requestAnimationFrame); '
-        'const { left, top, width, height } = one.getBoundingClientRect(); '
-        'return [left + width / 2, top + height / 2]; })()')
-    tap(page, {'x': x, 'y': y})
+    has_landed = False
+    while not has_landed:  # a page that moves under the finger is tapped again, with no effect
+        # A finger finds what was drawn last: after the scrolling, in the next picture but one.
+        x, y = page.evaluate(f"""(async () => {{
+          const one = {element};
+          one.scrollIntoView({{ block: 'center' }});
+          for (let frame = 0; frame < 2; frame++) await new Promise(requestAnimationFrame);
+          window.landed = null;
+          document.addEventListener('touchstart', (event) => {{
+            window.landed = one.contains(event.target);
+            if (!window.landed) event.preventDefault();
+          }}, {{ capture: true, once: true, passive: false }});
+          const {{ left, top, width, height }} = one.getBoundingClientRect();
+          return [left + width / 2, top + height / 2];
+        }})()""")
+        tap(page, {'x': x, 'y': y})
+        page.wait_for('window.landed !== null')
+        has_landed = page.evaluate('window.landed')
 
 
 def swipe(page: Page, begin: dict[str, float], end: dict[str, float]) -> None:
