@@ -88,8 +88,7 @@ def names_bag(text: str) -> bool:
     if is_pattern(text) or _is_url(text):
         return False
     path = _path(text)
-    matches = _matches(path)
-    return is_bag(path) or (bool(matches) and all(map(is_bag, matches)))
+    return is_bag(path) or _are_bags(_matches(path))
 
 
 def describe_opening(text: str) -> str:
@@ -188,7 +187,7 @@ def _open_path(path: Path, bag_topic: str | None) -> Source:
         mode = path.stat().st_mode
     except OSError as err:
         matches = _matches(path)
-        if matches and all(map(is_bag, matches)):
+        if _are_bags(matches):
             return BagSource(path, bag_topic, matches)
         if matches:
             return ImageFileSource(_image_files(matches), str(path))
@@ -216,6 +215,10 @@ def _open_path(path: Path, bag_topic: str | None) -> Source:
 def _matches(path: Path) -> list[Path]:
     """Return the files that a glob pattern matches; none for a path, also of a broken link."""
     return [Path(match) for match in glob.glob(str(path)) if match != str(path)]
+
+
+def _are_bags(paths: list[Path]) -> bool:
+    return bool(paths) and all(map(is_bag, paths))
 
 
 def _open_folder(path: Path) -> ImageFileSource:

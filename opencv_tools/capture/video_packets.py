@@ -54,7 +54,7 @@ class VideoPackets(Iterator[Any]):
         return self._kept.pop(0) if self._kept else self._demux()
 
     def show(self, ticks: int | None) -> None:
-        """Take note of the time of a decoded picture."""
+        """Remove the time of a decoded picture, and earlier ones, from those to come."""
         while self._times and ticks is not None and self._times[0] <= ticks:
             heapq.heappop(self._times)
 
