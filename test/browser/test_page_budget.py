@@ -87,3 +87,27 @@ def test_robot_that_takes_too_long(page: Page, seconds: float, is_stopped: bool)
     else:
         page.wait_for(f'{HELD} === "false"')
         assert page.evaluate(f'{REASON}.hidden')
+
+
+@pytest.mark.parametrize(('gap', 'pause', 'ratio'), [
+    (9, 0, 2), (57, 148, 2), (120, 400, 1), (2020, 8000, 1)])
+def test_robot_beside_cameras_rests_after_each_drawing(
+        page: Page, gap: int, pause: int, ratio: int) -> None:
+    page.evaluate(f'window.stage = {STAGE}; stage.draw = () => undefined; stage.wanted = false;'
+                  'window.waits = []; window.frame = document.querySelector(".robot iframe");'
+                  'frame.contentWindow.setTimeout = (_, wait) => waits.push(wait);'
+                  'stage.renderer.setPixelRatio(2); stage.draws = 10; stage.cost = 0;'
+                  f'stage.slow({gap}); stage.request()')
+    assert page.evaluate('waits[0]') == pause
+    assert page.evaluate('stage.renderer.getPixelRatio()') == ratio
+    assert page.evaluate('stage.renderer.getContext().getContextAttributes().antialias') is False
+
+
+def test_robot_alone_draws_at_once(viewer: Viewer, browser: Browser,  # noqa: F811
+                                   robot: RobotNode) -> None:  # noqa: F811
+    page = browser.new_page(f'{viewer.url}robot/')
+    page.wait_for('Boolean(window.robotView?.stage)')
+    page.evaluate('window.waits = []; robotView.stage.wanted = false; robotView.stage.cost = 49;'
+                  'window.setTimeout = (_, wait) => waits.push(wait); robotView.stage.request()')
+    assert page.evaluate('waits[0]') == 0
+    assert page.evaluate('robotView.stage.renderer.getContext().getContextAttributes().antialias')

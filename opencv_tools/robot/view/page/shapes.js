@@ -337,9 +337,10 @@ function collada(file) {
 }
 
 const UPRIGHT = new THREE.Matrix4().makeRotationX(Math.PI / 2); // three.js has cylinders along y
-const UNIT = { box: new THREE.BoxGeometry(), sphere: new THREE.SphereGeometry(1, 32, 16),
-  cylinder: new THREE.CylinderGeometry(1, 1, 1, 32).applyMatrix4(UPRIGHT),
-  cone: new THREE.CylinderGeometry(0, 1, 1, 32).applyMatrix4(UPRIGHT),
+const SIDES = window.frameElement ? 16 : 32; // of round shapes; fewer beside cameras
+const UNIT = { box: new THREE.BoxGeometry(), sphere: new THREE.SphereGeometry(1, SIDES, SIDES / 2),
+  cylinder: new THREE.CylinderGeometry(1, 1, 1, SIDES).applyMatrix4(UPRIGHT),
+  cone: new THREE.CylinderGeometry(0, 1, 1, SIDES).applyMatrix4(UPRIGHT),
   plane: new THREE.PlaneGeometry() };
 
 const EDGES = new THREE.EdgesGeometry(new THREE.BoxGeometry(WIRE_SIZE, WIRE_SIZE, WIRE_SIZE));
@@ -347,7 +348,7 @@ const EDGES = new THREE.EdgesGeometry(new THREE.BoxGeometry(WIRE_SIZE, WIRE_SIZE
 /** Return a simple body. @type {(geometry: any, material: object) => any} */
 function bodyOf({ kind, size, radii, radius, length, normal }, material) {
   if (kind === 'capsule') {
-    return new THREE.Mesh(new THREE.CapsuleGeometry(radius, length, 6, 24).applyMatrix4(UPRIGHT),
+    return new THREE.Mesh(new THREE.CapsuleGeometry(radius, length, SIDES / 4, SIDES).applyMatrix4(UPRIGHT),
       material);
   }
   const body = new THREE.Mesh(UNIT[kind === 'ellipsoid' ? 'sphere' : kind], material);

@@ -18,7 +18,9 @@ export const MAX_NAMES = 200; // in one view
 const GAP = 5; // pixels between a point and its name
 const FILLED = 0.94; // part of a view that the robot has
 const LONG_MS = 50; // a picture that takes longer is followed by a pause of the same length
-const REST = 4; // the search for the link below the pointer has a fifth of the time at most
+const REST = 4; // pauses for the time taken, so that work has a fifth of the time at most
+const FRAME_MS = 20; // until the browser draws again; longer if the graphics are slow
+const FIRST_DRAWS = 10; // which prepare the graphics
 const MOVED_PIXELS = 5; // a click with less movement chooses a link
 const KEPT_MS = 10000; // the browser has read the file by then
 
@@ -28,6 +30,7 @@ export class Stage {
     this.listener = listener;
     this.names = listener.names;
     this.draws = this.cost = this.searchMs = 0;
+    this.isBeside = Boolean(window.frameElement); // cameras, which go first
     this.views = ['urdf'];
     this.wanted = false;
     this.scene = new THREE.Scene();
@@ -35,8 +38,8 @@ export class Stage {
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x777777, 1.6), this.light);
     this.camera = new THREE.PerspectiveCamera(40, 1, 0.01, 1000);
     this.camera.up.set(0, 0, 1);
-    this.renderer = new THREE.WebGLRenderer({ antialias: true });
-    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.renderer = new THREE.WebGLRenderer({ antialias: !this.isBeside });
+    this.renderer.setPixelRatio(this.isBeside ? 2 : Math.min(devicePixelRatio, 2));
     const canvas = this.renderer.domElement;
     canvas.tabIndex = 0;
     canvas.setAttribute('role', 'img');
@@ -81,8 +84,8 @@ export class Stage {
     if (this.wanted) return;
     this.wanted = true;
     const draw = () => requestAnimationFrame(() => this.draw());
-    if (this.cost < LONG_MS) draw();
-    else setTimeout(draw, this.cost); // the page answers meanwhile
+    const pauses = this.isBeside ? REST : Number(this.cost >= LONG_MS);
+    setTimeout(draw, pauses * this.cost); // the page answers meanwhile
   }
 
   /** Return the views with their rectangles in pixels. */
@@ -119,6 +122,15 @@ export class Stage {
     }
     this.showNames(labels.filter(Boolean));
     this.cost = performance.now() - begin;
+    if (this.isBeside) requestAnimationFrame(() => this.slow(performance.now() - begin));
+  }
+
+  /** Take the time until the browser draws again, and draw less fine from then on if it is long. */
+  slow(milliseconds) {
+    this.cost = Math.max(this.cost, milliseconds - FRAME_MS);
+    if (this.cost < LONG_MS || this.draws < FIRST_DRAWS || this.renderer.getPixelRatio() < 2) return;
+    this.renderer.setPixelRatio(1);
+    this.request(); // as the canvas is empty now
   }
 
   /** Return the point of a name on the page; nothing if the camera does not see it. */
