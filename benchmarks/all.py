@@ -34,7 +34,8 @@ import numpy as np
 BENCHMARKS = (
     'startup', 'robot', 'robot_page', 'bridge', 'depth', 'rectified', 'calibration', 'idle',
     'playback',
-    'recording', 'bags', 'messages', 'datasets', 'viewer', 'viewer_page', 'viewer_calibration',
+    'recording', 'bags', 'messages', 'datasets', 'viewer', 'viewer_page', 'viewer_look',
+    'viewer_calibration',
     'video', 'transport',
     'transport --qos best_effort --runs 3 --ways "ours raw" "plain subscriber" tutorial',
     'transport --sizes 1920x1080@60 3840x2160@30 --runs 3 '

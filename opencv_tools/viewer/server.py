@@ -202,7 +202,7 @@ def _application(site: Site, **settings: Any) -> Application:
         *calibration_routes(site),
         *robot_routes(site),
     ], default_handler_class=UnknownHandler, default_handler_args=keywords,
-        log_function=lambda _: None, **settings,
+        log_function=lambda _: None, **settings, compress_response=True,
         websocket_ping_interval=_PING_SECONDS, websocket_ping_timeout=_PING_SECONDS,
         websocket_max_message_size=MAX_MESSAGE_BYTES)
 

@@ -32,6 +32,7 @@ from urllib.parse import urlsplit
 
 from conftest import call_service, executable, free_domain, NodeProcess
 import cv2
+from documentation import ROOT
 import numpy as np
 from opencv_tools.frames import FramePublisher
 from opencv_tools.image_codecs import encode_image
@@ -289,6 +290,21 @@ def test_files_of_the_page(shared: NodeProcess) -> None:
                      '/page//etc/passwd', '/../../etc/passwd', '/viewer.js', '/static/x'):
             answer = await fetch(url, path)
             assert (path, answer.code, answer.body) == (path, 404, b'there is no such page\n')
+
+    run_page(ask())
+
+
+def test_texts_are_sent_compressed(shared: NodeProcess) -> None:
+    async def ask() -> None:
+        pages = ROOT / 'opencv_tools'
+        for path, file in (('/page/viewer.js', 'viewer/page/viewer.js'),
+                           ('/page/viewer.css', 'viewer/page/viewer.css'),
+                           ('/', 'viewer/page/index.html'),
+                           ('/robot/page/three.js', 'robot/view/page/three.js')):
+            answer = await fetch(address_of(shared), path)
+            # The client has decoded it, and the header then has another name.
+            assert answer.headers['X-Consumed-Content-Encoding'] == 'gzip', path
+            assert answer.body == (pages / file).read_bytes()
 
     run_page(ask())
 
