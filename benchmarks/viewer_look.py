@@ -87,7 +87,8 @@ class Topics(FrameNode):
         self._messages = [
             *((self.create_publisher(Image, f'{namespace}/{name}', 1), message)
               for name, message in images.items()),
-            *((self.create_publisher(CompressedImage, f'{namespace}/{name}/compressed', 1), message)
+            *((self.create_publisher(CompressedImage, f'{namespace}/{name}/compressed', 1),
+               message)
               for name, message in files.items())]
         self.create_timer(1 / RATE, self._publish)
 
