@@ -79,7 +79,7 @@ class Browser:
         target = self.call('Target.createTarget', url='about:blank')['targetId']
         session = self.call('Target.attachToTarget', targetId=target, flatten=True)['sessionId']
         page = Page(self, target, session)
-        for domain in ('Page', 'Runtime', 'Log', 'Network'):
+        for domain in ('Page', 'Runtime', 'Log'):
             page.call(f'{domain}.enable')
         page.call('Page.addScriptToEvaluateOnNewDocument', source=self._script)
         page.resize(width, height)
