@@ -108,6 +108,7 @@ def test_turned_picture_that_is_saved(
     source.publish(0xA5C3)
     page = browser.new_page(f'{viewer.url}?topic={TOPIC}&turn={TOPIC}:{turn}')
     page.wait_for(f'factOf({TOPIC!r}, "zoom")')
+    assert page.evaluate('document.getElementById("save-turned").checkVisibility()')
     _, image = saved_file(page, browser, tmp_path,
                           'document.getElementById("save-turned").click()')
     turned, _ = orient(numbered_frame(0xA5C3), find_encoding('bgr8'), flip, degrees)
@@ -116,14 +117,17 @@ def test_turned_picture_that_is_saved(
     assert page.complaints() == []
 
 
+@pytest.mark.parametrize('button', ['save', 'save-turned'])
 def test_picture_of_a_video_that_is_saved(
-        viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
+        button: str, viewer: Viewer, browser: Browser, camera: Node, tmp_path: Path) -> None:
     front = VideoCamera(camera, TOPIC)
-    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}&turn={TOPIC}:1f')
     front.show(page, 5)
-    name, image = saved_file(page, browser, tmp_path, 'document.getElementById("save").click()')
+    name, image = saved_file(
+        page, browser, tmp_path, f'document.getElementById({button!r}).click()')
     assert name.startswith('front_1') and page.evaluate(NOTICE).endswith('the decoded video')
-    assert np.abs(image[:192].astype(int) - numbered_frame(5)[:192]).max() < 40
+    sent = image if button == 'save' else np.rot90(image)[:, ::-1]
+    assert np.abs(sent[:192].astype(int) - numbered_frame(5)[:192]).max() < 40
 
 
 def test_last_seconds_of_a_pause(
