@@ -41,7 +41,7 @@ _HISTORY = """
     performance.now = () => 1000 * second + 7;
     if (second < 1650 || second > 1659) {
       for (let repeated = 0; repeated < 3; repeated += 1) {
-        history.add({ rate: second % 10, lost: second > 1680 ? 3 : 0,
+        history.add({ rate: second % 10, lost: second > 1680 ? 8 : 5,
                       restarted: second > 1600 ? second - 1600 : null }, -0.002);
       }
     }
