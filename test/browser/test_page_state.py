@@ -78,6 +78,20 @@ def test_picture_that_is_not_followed_by_another(
     page.wait_for(f'{REASON}.hidden')
 
 
+def test_pictures_that_come_late(
+        start: Callable[..., NodeProcess], viewer: Viewer, browser: Browser) -> None:
+    start('img_publisher', source='pattern:64x48', publish_rate=20.0)
+    page = browser.new_page(viewer.url)
+    page.wait_for(f'/, [1-9][.0-9]* Hz/.test(factOf("{TOPIC}", "shown"))')
+    page.evaluate('{ const { onmessage } = sockets[0]; window.late = 3; '
+                  'sockets[0].onmessage = (event) => { if (event.data instanceof ArrayBuffer) { '
+                  'const head = new DataView(event.data); '
+                  'head.setFloat64(16, head.getFloat64(16) - late); } onmessage(event); }; }')
+    page.wait_for(f'{REASON}.textContent.startsWith("No new picture since ")')
+    page.evaluate('late = 0')
+    page.wait_for(f'{REASON}.hidden')
+
+
 def test_latched_picture_stays_in_colour(viewer: Viewer, browser: Browser, camera: Node) -> None:
     latched = Camera(camera, TOPIC, LATCHED)
     latched.publish(1)
