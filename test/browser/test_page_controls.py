@@ -72,6 +72,13 @@ def parameter(node: Node, name: str) -> float:
     return float(answer.values[0].integer_value or answer.values[0].double_value)
 
 
+def test_value_that_the_camera_refuses(camera_page: Page, node: Node) -> None:
+    used = parameter(node, 'jpeg_quality')
+    change(camera_page, 'jpeg quality', '400', '[type=number]')
+    assert camera_page.evaluate('sent.some(({ value }) => value === 400)')
+    has_value(camera_page, 'jpeg quality', used)
+
+
 @pytest.mark.parametrize('kind', ['[type=range]', '[type=number]'])
 def test_number_sets_a_parameter(kind: str, camera_page: Page, node: Node) -> None:
     change(camera_page, 'jpeg quality', '40', kind)
