@@ -39,6 +39,10 @@ TOPIC = '/front'
 VALUE = f'tileOf({TOPIC!r}).querySelector(".pixel").textContent'
 #: Part of the image that the page has asked for last.
 REGION = 'JSON.stringify(sent.filter((one) => one.subscribe).at(-1).region ?? null)'
+#: Whether the part of the image fills the frame, to half a pixel of the page.
+COVERS = ('(([one, frame]) => one.left < frame.left + 0.5 && one.top < frame.top + 0.5 && '
+          'one.right > frame.right - 0.5 && one.bottom > frame.bottom - 0.5)(["canvas", ".frame"]'
+          f'.map((one) => tileOf({TOPIC!r}).querySelector(one).getBoundingClientRect()))')
 CHART = f'tileOf({TOPIC!r}).querySelector(".chart .hint").textContent'
 _RANDOM = np.random.default_rng(36)
 
@@ -98,6 +102,23 @@ def test_value_under_the_cursor(
     move(page, {'x': 5, 'y': 5})
     page.wait_for(f'{VALUE} === ""')
     assert page.complaints() == []
+
+
+def test_value_of_a_pixel_that_the_cursor_has_left(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = random_image()
+    page = open_image(viewer, browser, camera, image)
+    page.evaluate('{ const { onmessage } = sockets[0]; sockets[0].onmessage = (event) => { '
+                  'if (event.data instanceof ArrayBuffer || !JSON.parse(event.data).pixel) '
+                  'onmessage(event); else window.answer = () => { '
+                  'sockets[0].onmessage = onmessage; onmessage(event); }; }; }')
+    move(page, place_of(page, 17.5, 400.5))
+    page.wait_for('Boolean(window.answer)')
+    move(page, place_of(page, 300.5, 100.5))
+    texts = [f'{x}, {y}: ' + ', '.join(f'{name} {value}' for name, value in zip(
+        'BGR', image[y, x], strict=True)) for x, y in ((17, 400), (300, 100))]
+    assert page.evaluate(f'(answer(), {VALUE})') == texts[0]
+    page.wait_for(f'{VALUE} === {texts[1]!r}')
 
 
 def test_value_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
@@ -203,7 +224,11 @@ def test_zoom_by_wheel_and_pan(viewer: Viewer, browser: Browser, camera: Node) -
     drag(page, middle, {'x': middle['x'] - 100, 'y': middle['y']})
     page.wait_for(f'JSON.parse({REGION})[0] > {region[0]}')
     page.press('0')
-    page.wait_for(f'{REGION} === "null"')
+    page.wait_for(f'{REGION} === "null" && {canvas}.style.width === "3840px"')
+    page.evaluate('for (let press = 0; press < 12; press += 1) '
+                  'document.querySelector("[data-look=in]").click()')
+    page.wait_for(f'{canvas}.style.width !== "3840px"')
+    assert page.evaluate(COVERS)
     assert page.complaints() == []
 
 
