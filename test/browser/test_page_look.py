@@ -121,6 +121,64 @@ def test_value_of_a_pixel_that_the_cursor_has_left(
     page.wait_for(f'{VALUE} === {texts[1]!r}')
 
 
+def press_with_shift(page: Page, key: str, **more: object) -> None:
+    """Press an arrow with Shift."""
+    for kind in ('keyDown', 'keyUp'):
+        page.call('Input.dispatchKeyEvent', type=kind, key=key, modifiers=8, **more)
+
+
+def test_reading_by_keys(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = random_image()
+    page = open_image(viewer, browser, camera, image)
+
+    def wait_for_value(x: int, y: int) -> None:
+        text = ', '.join(f'{name} {value}' for name, value in zip('BGR', image[y, x], strict=True))
+        page.wait_for(f'{VALUE} === "{x}, {y}: {text}"')
+
+    press_with_shift(page, 'ArrowRight')
+    wait_for_value(321, 240)
+    press_with_shift(page, 'ArrowUp')
+    press_with_shift(page, 'ArrowLeft', autoRepeat=True)
+    wait_for_value(311, 239)
+    for _ in range(4):
+        page.press('+')
+    for _ in range(40):
+        press_with_shift(page, 'ArrowLeft', autoRepeat=True)
+    press_with_shift(page, 'ArrowDown')
+    wait_for_value(0, 240)
+    page.wait_for_paint()
+    inside = ('(({ left, right }, frame) => left >= frame.left - 9 && right < frame.right)('
+              f'tileOf({TOPIC!r}).querySelector(".line").getBoundingClientRect(), '
+              f'tileOf({TOPIC!r}).querySelector(".frame").getBoundingClientRect())')
+    assert page.evaluate(inside)  # the cross, whose arm may be cut
+    page.press('0')
+    page.press('t')
+    press_with_shift(page, 'ArrowRight')  # up in the image
+    wait_for_value(0, 239)
+    page.press('m')
+    press_with_shift(page, 'ArrowDown')
+    wait_for_value(1, 239)
+    assert page.complaints() == []
+
+
+def test_line_by_keys(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image())
+    line = f'tileOf({TOPIC!r}).querySelector(".line").getAttribute("d")'
+    press_with_shift(page, 'ArrowDown')
+    page.press('Enter')
+    press_with_shift(page, 'ArrowDown')
+    assert 'L' not in page.evaluate(line)  # there is no chart
+    page.press('l')
+    page.press('Enter')
+    for _ in range(3):
+        press_with_shift(page, 'ArrowRight', autoRepeat=True)
+    page.press('Enter')
+    press_with_shift(page, 'ArrowUp')
+    assert page.evaluate(line).endswith('M320.5 242.5L350.5 242.5')
+    page.wait_for(f'tileOf({TOPIC!r}).querySelectorAll(".chart path").length === 3')
+    assert page.complaints() == []
+
+
 def test_value_of_depth(viewer: Viewer, browser: Browser, camera: Node) -> None:
     depth = np.full((480, 640), 1234, np.uint16)
     depth[:, :320] = 0

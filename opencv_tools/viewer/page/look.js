@@ -75,6 +75,28 @@ export class Look {
     return Boolean(this.#begin);
   }
 
+  /** Move the cursor by pixels to the right and down, as they are shown; the view follows it. */
+  step(x, y) {
+    const { view } = this.#tile;
+    if (!view.size[0]) return;
+    const { a, b, c, d } = view.matrix.inverse();
+    const way = [a * x + c * y, b * x + d * y];
+    const pixel = (this.#cursor ?? view.middle).map((one, axis) => Math.min(view.size[axis] - 1,
+      Math.max(0, one + Math.round(way[axis] * view.scale))));
+    this.#place = null;
+    this.#point(pixel, true);
+    if (this.#begin) this.#line = [this.#begin, pixel];
+    this.#tell();
+    view.reveal(pixel);
+  }
+
+  /** Begin a line at the cursor, or end it; return whether there can be one. */
+  anchor() {
+    if (this.chart !== 'profile' || !this.#cursor) return false;
+    this.#begin = this.#begin ? null : this.#cursor;
+    return true;
+  }
+
   /** Use the pixel that is under the pointer now, because the picture has another place. */
   move() {
     if (this.#place) this.#pointAt(this.#place);
@@ -113,8 +135,13 @@ export class Look {
 
   #pointAt(place) {
     this.#point(place && this.#tile.view.pixel(place), false);
-    this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
+    this.#tell();
     this.#drawLine();
+  }
+
+  /** Show the cursor in the picture beside this one. */
+  #tell() {
+    this.onPoint(this.#cursor?.map((one, axis) => (one + 0.5) / this.#tile.view.size[axis]));
   }
 
   /** Use a place of a cursor over another picture as if it were here. */

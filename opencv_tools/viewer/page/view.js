@@ -197,6 +197,21 @@ export class View {
     this.place();
   }
 
+  /** Pixel of the image in the middle of the frame. */
+  get middle() {
+    return this.#center.map(Math.floor);
+  }
+
+  /** Pan as far as necessary to see a pixel. @param {number[]} pixel */
+  reveal(pixel) {
+    this.#center = pixel.map((one, axis) => {
+      const half = this.#room[axis] / this.scale / 2 - 0.5;
+      return limit(this.#center[axis], one + 0.5 - half, one + 0.5 + half);
+    });
+    this.place();
+    this.#onChange();
+  }
+
   /** Width of the image to its height, as it is shown. */
   get ratio() {
     const [width, height] = this.#turns % 2 ? this.size.toReversed() : this.size;

@@ -28,6 +28,7 @@ const REFRESH_MS = 500;
 const UNTURNED = { turns: 0, isFlipped: false };
 const NOTICE_MS = 8000;
 const ZOOM = 1.5; // of a press of a button
+const FAST = 10; // pixels for each repetition of a key that is held
 // The parts of a tile that use messages, by kind.
 const RECEIVERS = {
   pixel: 'look', profile: 'look', histogram: 'look', exposed: 'look', boxes: 'overlay', camera: 'overlay',
@@ -255,6 +256,18 @@ function pressOf(key) {
   return button && (() => button.click());
 }
 
+const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** Move the cursor in the picture that is shown alone, or begin a line; return whether it was done. */
+function read({ key, shiftKey, repeat, target }) {
+  const { look } = tiles.get(tiles.alone) ?? {};
+  if (key === 'Enter' && !target.closest('a[href], button, input, summary')) return look?.anchor();
+  if (!look || !shiftKey || !STEPS[key] || target.closest('input, select')) return false;
+  const [x, y] = STEPS[key];
+  look.step(...(repeat ? [FAST * x, FAST * y] : [x, y]));
+  return true;
+}
+
 // A key acts unless it belongs to the element with the focus.
 document.addEventListener('keydown', (event) => {
   const isIn = (selector) => /** @type {Element} */ (event.target).closest(selector);
@@ -262,11 +275,12 @@ document.addEventListener('keydown', (event) => {
   const isPressing = (event.key === ' ' && isIn('button, summary'))
     || (/ |Arrow/.test(event.key) && isIn('input, select'));
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-  const action = state.selected ? pressOf(key) : ALL_KEYS[key];
   const isShortcut = event.ctrlKey || event.metaKey || event.altKey;
-  if (!action || isTyping || isPressing || isShortcut) return;
+  const isRead = !isShortcut && state.selected && read(event);
+  const action = state.selected ? pressOf(key) : ALL_KEYS[key];
+  if (!isRead && (!action || isTyping || isPressing || isShortcut)) return;
   event.preventDefault();
-  action();
+  if (!isRead) action();
 });
 
 document.addEventListener('visibilitychange', () => tiles.ask());
