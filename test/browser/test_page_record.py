@@ -258,6 +258,14 @@ def test_chosen_topics_and_download(
     page.evaluate('document.getElementById("choose").click()')
     boxes = '[...document.querySelectorAll("#choices input")]'
     assert page.evaluate(f'{boxes}.map((one) => one.checked)') == [True] * 3
+    page.resize(390, 120)  # the list is longer than the screen, as that of many topics
+    above, below = page.evaluate('(({ top, bottom }) => [top, innerHeight - bottom])('
+                                 'document.getElementById("choice").getBoundingClientRect())')
+    assert above > 0 and below > 0, 'a tap beside the list closes it'
+    page.evaluate('document.getElementById("record-chosen").scrollIntoView()')
+    assert page.evaluate('document.getElementById("record-chosen").getBoundingClientRect().bottom'
+                         ' < innerHeight')
+    page.resize(1280, 800)
     page.evaluate(f'{boxes}[1].click()')
     page.evaluate('document.getElementById("record-chosen").click()')
     page.wait_for(IS_ON)
