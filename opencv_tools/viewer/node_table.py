@@ -27,8 +27,11 @@ from rclpy.node import Node
 
 #: Maximum number of topics, and of nodes of a topic, that are listed.
 MAX_LISTED = 1000
-# Time until other nodes are discovered.
+# Time until the graph is read, time between two readings, and the maximum of readings: nodes of a
+# busy machine are discovered over several seconds.
 _DISCOVERY_SECONDS = 2.0
+_INTERVAL_SECONDS = 1.0
+_MAX_READINGS = 9
 
 
 def read_graph(node: Node) -> dict[str, Any]:
@@ -68,13 +71,24 @@ def describe_graph(graph: dict[str, Any]) -> str:
     return '\n'.join(lines)
 
 
+def read_settled_graph(node: Node) -> dict[str, Any]:
+    """Return the graph once two readings in a row are the same, after 11 s at the latest."""
+    graph: dict[str, Any] = {}
+    time.sleep(_DISCOVERY_SECONDS)
+    for _ in range(_MAX_READINGS):
+        before, graph = graph, read_graph(node)
+        if graph == before:
+            break
+        time.sleep(_INTERVAL_SECONDS)
+    return graph
+
+
 def list_graph(args: Sequence[str]) -> int:
-    """Print the nodes and the topics that are found within two seconds; return 0."""
+    """Print the nodes and the topics; return 0."""
     rclpy.init(args=[word for word in args if word != '--list'])
     try:
         node = rclpy.create_node('_image_viewer_list', start_parameter_services=False)
-        time.sleep(_DISCOVERY_SECONDS)
-        print(describe_graph(read_graph(node)), flush=True)
+        print(describe_graph(read_settled_graph(node)), flush=True)
     finally:
         rclpy.shutdown()
     return 0
