@@ -227,10 +227,13 @@ class Graph:
         """Yield the names of the published image topics, without and with their ends."""
         types_shown = {name for name, transport in _TRANSPORTS.items()
                        if self._transport in ('auto', transport)}
-        for name in image_topics(self.node, types_shown):
+        names = {*image_topics(self.node, types_shown)}
+        for name in sorted(names):
             base = base_name(name)
+            # All of them are those of an img_publisher of depth, which has no video.
+            has_depth = names >= {f'{base}{end}' for end in (*VIDEOS, f'/{COMPRESSED_DEPTH}')}
             if (name.endswith(self._ending) and not name.endswith(_OTHER_TRANSPORTS)
-                    and self._is_wanted(base)):
+                    and not (has_depth and name.endswith(VIDEOS)) and self._is_wanted(base)):
                 yield base, name
 
     def _reason(self, topic: ViewTopic, feed: Feed, subscription: FrameSubscription) -> str:

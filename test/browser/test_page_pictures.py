@@ -23,6 +23,7 @@ import time
 from urllib.request import urlopen
 
 from chromium import Browser, Page
+from conftest import NodeProcess
 import cv2
 import numpy as np
 from pages import Camera, numbered_frame, Viewer
@@ -330,6 +331,15 @@ def test_compressed_depth(viewer: Viewer, browser: Browser, camera: Node) -> Non
     page = browser.new_page(f'{viewer.url}?topic=/depth/compressedDepth')
     page.wait_for('document.getElementById("bar-low").textContent === "1234 mm"')
     assert page.evaluate('factOf("/depth/compressedDepth", "size")') == '640 \u00d7 480'
+    assert page.complaints() == []
+
+
+def test_depth_of_a_publisher_that_has_topics_of_video(
+        viewer: Viewer, browser: Browser, start: Callable[..., NodeProcess]) -> None:
+    start('img_publisher', source='pattern:depth:64x48', encoding="''", publish_rate=10.0)
+    page = browser.new_page(f'{viewer.url}?topic=/video_frames')
+    page.wait_for('document.getElementById("bar-low").textContent.endsWith(" mm")')
+    assert page.evaluate('factOf("/video_frames", "size")') == '64 \u00d7 48'
     assert page.complaints() == []
 
 
