@@ -358,6 +358,9 @@ def test_part_of_the_window_with_the_picture(
     page.press('?')
     page.wait_for('document.getElementById("keys").checkVisibility()')
     check_contrast(page)
+    page.press('Escape')  # closes the keys, and stays with the camera
+    page.wait_for('!document.getElementById("keys").checkVisibility()')
+    assert page.evaluate('document.title').startswith('/front')
 
 
 def test_page_that_asks_for_the_token(

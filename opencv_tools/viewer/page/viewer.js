@@ -273,7 +273,8 @@ document.addEventListener('keydown', (event) => {
   const isIn = (selector) => /** @type {Element} */ (event.target).closest(selector);
   const isTyping = isIn('input:not([type=checkbox], [type=range])') && event.key !== 'Escape';
   const isPressing = (event.key === ' ' && isIn('button, summary'))
-    || (/ |Arrow/.test(event.key) && isIn('input, select'));
+    || (/ |Arrow/.test(event.key) && isIn('input, select'))
+    || (event.key === 'Escape' && document.querySelector(':popover-open')); // which it closes
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
   const isShortcut = event.ctrlKey || event.metaKey || event.altKey;
   const isRead = !isShortcut && state.selected && read(event);
