@@ -75,12 +75,13 @@ export interface Chart {
   curves?: (number | null)[][];
   low?: number | null;
   high?: number | null;
+  ends?: string;
   over?: number;
   under?: number;
   missing?: number;
   lacking?: string;
-  least?: number[];
-  most?: number[];
+  least?: [string, number, number];
+  most?: [string, number, number];
   error?: string;
 }
 

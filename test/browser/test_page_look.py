@@ -350,6 +350,20 @@ def test_line_and_histogram(viewer: Viewer, browser: Browser, camera: Node) -> N
     page.wait_for('document.querySelector(".chart").offsetWidth === 0')
 
 
+def test_units_of_charts(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    image = np.full((480, 640), 1816, np.uint16)
+    image[:, 320:], image[3, 5] = 2779, 1038
+    page = open_image(viewer, browser, camera, image, '16UC1')
+    page.press('h')
+    page.wait_for(f'{CHART} === "1038 (1.038 m) to 2779 (2.779 m)"')
+    page.wait_for(f'tileOf({TOPIC!r}).querySelector(".chart button").textContent === '
+                  '"smallest 1038 (1.038 m) at 5, 3"')
+    page.press('l')
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the panel has its place
+    drag(page, place_of(page, 310.5, 100.5), place_of(page, 330.5, 100.5))
+    page.wait_for(f'{CHART} === "1816 (1.816 m) to 2779 (2.779 m)"')
+
+
 def test_values_of_decoded_video(viewer: Viewer, browser: Browser, camera: Node) -> None:
     video = VideoCamera(camera, TOPIC)
     page = browser.new_page(f'{viewer.url}?topic={TOPIC}')

@@ -68,12 +68,8 @@ def describe_pixel(pixels: Pixels, x: int, y: int) -> str:
     if encoding.kind == 'color' and encoding.order != 'y':
         return ', '.join(f'{name.upper()} {value}'
                          for name, value in zip(encoding.order, values, strict=True))
-    if encoding is DISPARITY:
-        return f'{values[0]} px' if np.isfinite(values[0]) else 'no disparity'
-    if encoding.name in ('16UC1', '32FC1'):
-        return _describe_depth(values[0], encoding.name == '16UC1')
     more = ', ...' if len(values) > _MAX_VALUES else ''
-    return ', '.join(str(value) for value in values[:_MAX_VALUES]) + more
+    return ', '.join(_describe_number(value, encoding) for value in values[:_MAX_VALUES]) + more
 
 
 def line_profile(pixels: Pixels, begin: tuple[int, int], end: tuple[int, int]) -> _Chart:
@@ -83,7 +79,7 @@ def line_profile(pixels: Pixels, begin: tuple[int, int], end: tuple[int, int]) -
     :param begin: column and row of the first pixel.
     :param end: column and row of the last pixel.
     :returns: ``names`` and ``curves``, lists of numbers with None for values that are not finite,
-        and ``low`` and ``high``, the smallest and the largest number.
+        ``low`` and ``high``, the smallest and the largest number, and ``ends``, their text.
     :raises CodecError: an end is outside of the image.
     """
     _check_inside(pixels, *begin)
@@ -93,9 +89,11 @@ def line_profile(pixels: Pixels, begin: tuple[int, int], end: tuple[int, int]) -
     columns, rows = (np.linspace(first, last, count).round().astype(int)
                      for first, last in zip(begin, end, strict=True))
     curves = [pixels.numbers(plane[rows, columns]).astype(float) for plane in planes]
-    finite = np.concatenate([curve[np.isfinite(curve)] for curve in curves])
-    return {'names': names, 'low': float(finite.min(initial=np.inf)) if finite.size else None,
-            'high': float(finite.max(initial=-np.inf)) if finite.size else None,
+    low, high = _limits([curve[np.isfinite(curve)] for curve in curves])
+    dtype = pixels.numbers(planes[0][:0]).dtype
+    return {'names': names, 'low': low, 'high': high,
+            'ends': _describe_ends(low, high, dtype, pixels.encoding)
+            or _describe_number(np.nan, pixels.encoding),
             'curves': [[value if np.isfinite(value) else None for value in curve.tolist()]
                        for curve in curves]}
 
@@ -106,9 +104,10 @@ def histogram(pixels: Pixels, region: Region | None) -> _Chart:
 
     :param region: the part; None for the whole image.
     :returns: ``names`` and ``curves``, the parts of all pixels in each bin, from ``low`` to
-        ``high``; and the parts of the pixels that are ``over`` and ``under`` exposed, with the
-        largest or the smallest value of their type, and that have no number (``missing``), with
-        what they lack (``lacking``). ``low`` and ``high`` are None if all pixels lack it.
+        ``high``, whose text is ``ends``; and the parts of the pixels that are ``over`` and
+        ``under`` exposed, with the largest or the smallest value of their type, and that have no
+        number (``missing``), with what they lack (``lacking``). ``low`` and ``high`` are None if
+        all pixels lack it.
     """
     planes, names = _planes(pixels)
     part = region_within(region, *pixels.size)
@@ -127,6 +126,7 @@ def histogram(pixels: Pixels, region: Region | None) -> _Chart:
     count = max(1, missing.size)
     lacking = 'depth' if has_depth else 'a number'
     return {'names': names, 'low': low, 'high': high, **_extremes(pixels, part),
+            'ends': _describe_ends(low, high, dtype, pixels.encoding),
             'over': float(over.mean()), 'under': float(under.mean()),
             'missing': float(missing.mean()),
             'lacking': DISPARITY.name if pixels.encoding is DISPARITY else lacking,
@@ -160,7 +160,7 @@ def _over(planes: list[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _extremes(pixels: Pixels, part: Region) -> _Chart:
-    """Return the smallest and the largest value of a part, each with its column and its row."""
+    """Return the texts of the smallest and the largest value, each with its column and row."""
     best: dict[str, tuple[Any, int, int]] = {}
     for first in range(0, part.height, _BAND_ROWS):  # a whole image would need much memory
         band = [pixels.numbers(part.crop(plane)[first:first + _BAND_ROWS])
@@ -177,7 +177,8 @@ def _extremes(pixels: Pixels, part: Region) -> _Chart:
                 old = best.setdefault(name, new)
                 if place_of([old[0], new[0]]):
                     best[name] = new
-    return {name: [within_range(value), *place] for name, (value, *place) in best.items()}
+    return {name: [_describe_number(value, pixels.encoding), *place]
+            for name, (value, *place) in best.items()}
 
 
 def _count(values: NDArray[Any], low: float | None, high: float | None) -> NDArray[Any]:
@@ -233,10 +234,22 @@ def _yuv_values(image: NDArray[Any], encoding: Encoding, x: int, y: int) -> tupl
         image[y, x], first, second)
 
 
-def _describe_depth(value: Any, is_millimetres: bool) -> str:
-    """Return the depth as it is in the message, in metres as well."""
+def _describe_ends(low: float | None, high: float | None, dtype: np.dtype[Any],
+                   encoding: Encoding) -> str:
+    """Return the limits of a chart as the values of pixels are described; '' for none."""
+    return '' if low is None or high is None else ' to '.join(
+        _describe_number(dtype.type(value), encoding) for value in (low, high))
+
+
+def _describe_number(value: Any, encoding: Encoding) -> str:
+    """Return a number as it is in the message, with its unit; depth in metres as well."""
+    if encoding is DISPARITY:
+        return f'{value} px' if np.isfinite(value) else 'no disparity'
+    if encoding.name not in UNITS:
+        return str(value)
     if not np.isfinite(value) or not value:
         return f'{value!s} (no depth)'
+    is_millimetres = encoding.name == '16UC1'
     return f'{value} ({value / _MILLIMETRES:.3f} m)' if is_millimetres else f'{value!s} m'
 
 

@@ -45,7 +45,7 @@ function path(numbers, low, high) {
  * @param {Chart} chart
  */
 export function showChart(element, kind, chart) {
-  const { names, curves, low, high, over, under, missing, lacking, error } = chart;
+  const { names, curves, low, high, ends, over, under, missing, lacking, error } = chart;
   const limits = kind === 'profile' ? [low, high] : [0, Math.max(...(curves ?? []).flat())];
   element.querySelector('svg').replaceChildren(...(curves ?? []).map((curve, place) => {
     const line = document.createElementNS('http://www.w3.org/2000/svg', 'path');
@@ -53,14 +53,13 @@ export function showChart(element, kind, chart) {
     line.dataset.channel = names[place];
     return line;
   }));
-  const ends = Number.isFinite(low) && `${+low.toPrecision(6)} to ${+high.toPrecision(6)}`;
   element.querySelector('.hint').textContent = error ?? [ends,
     over > 0 && `${percent(over)} over-exposed`, under > 0 && `${percent(under)} black`,
     missing > 0 && `${percent(missing)} without ${lacking}`].filter(Boolean).join(', ');
   element.classList.toggle('over', over > 0);
   const places = Object.entries({ smallest: chart.least, largest: chart.most });
   /** @type {(entry: any) => string} */
-  const text = ([name, [value, x, y]]) => `${name} ${+value.toPrecision(6)} at ${x}, ${y}`;
+  const text = ([name, [value, x, y]]) => `${name} ${value} at ${x}, ${y}`;
   const found = places.filter(([, at]) => at);
   const list = element.querySelector('.buttons');
   while (list.children.length > found.length) list.lastChild.remove();

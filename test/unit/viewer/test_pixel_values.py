@@ -148,18 +148,34 @@ def test_histogram_of_a_region_and_its_exposure() -> None:
     assert (part['over'], part['under']) == (1, 0)
 
 
-@pytest.mark.parametrize(('encoding', 'dtype'), [
-    ('mono8', np.uint8), ('mono16', np.uint16), ('32FC1', np.float32), ('bgr8', np.uint8)])
-def test_places_of_the_extremes(encoding: str, dtype: type) -> None:
+@pytest.mark.parametrize(('encoding', 'dtype', 'texts'), [
+    ('mono8', np.uint8, ('5', '201', '100')), ('mono16', np.uint16, ('5', '201', '100')),
+    ('32FC1', np.float32, ('5.0 m', '201.0 m', '100.0 m')),
+    ('bgr8', np.uint8, ('5', '201', '100')),
+    ('16UC1', np.uint16, ('5 (0.005 m)', '201 (0.201 m)', '100 (0.100 m)'))])
+def test_places_of_the_extremes(encoding: str, dtype: type, texts: tuple[str, str, str]) -> None:
     image = np.full((480, 1280, 3) if encoding == 'bgr8' else (480, 1280), 100, dtype)
     image[7, 1279], image[479, 3] = 201, 5
     image[9, 9] = np.nan if dtype is np.float32 else 100
     chart = histogram(pixels_of(image, encoding), None)
-    assert (chart['least'], chart['most']) == ([5, 3, 479], [201, 1279, 7])
+    assert (chart['least'], chart['most']) == ([texts[0], 3, 479], [texts[1], 1279, 7])
     part = histogram(pixels_of(image, encoding), Region(x=1000, y=0, width=280, height=40))
-    assert part['most'] == [201, 1279, 7] and part['least'][0] == 100
+    assert part['most'] == [texts[1], 1279, 7] and part['least'][0] == texts[2]
     nothing = histogram(pixels_of(np.full((2, 2), np.nan, np.float32), '32FC1'), None)
     assert 'least' not in nothing
+
+
+@pytest.mark.parametrize(('encoding', 'values', 'line', 'counts'), [
+    ('16UC1', [1816, 0, 2779], '0 (no depth) to 2779 (2.779 m)',
+     '1816 (1.816 m) to 2779 (2.779 m)'),
+    ('32FC1', [1.5, np.nan, 2], '1.5 m to 2.0 m', '1.5 m to 2.0 m'),
+    ('32FC1', [np.nan], 'nan (no depth)', ''), ('mono8', [7, 9], '7 to 9', '0 to 255'),
+    ('32SC1', [-7, 9], '-7 to 9', '-7 to 9')])
+def test_ends_of_charts_as_values_of_pixels(
+        encoding: str, values: list[float], line: str, counts: str) -> None:
+    pixels = pixels_of(np.array([values], find_encoding(encoding).dtype), encoding)
+    assert line_profile(pixels, (0, 0), (len(values) - 1, 0))['ends'] == line
+    assert histogram(pixels, None)['ends'] == counts
 
 
 @pytest.mark.parametrize(('width', 'height'), [(1, 1), (320, 240), (641, 479), (3840, 2)])
