@@ -241,7 +241,7 @@ def test_boxes_before_and_after_their_picture(
     page.wait_for(f'{NOTE} === "1 box"')
     images.publish(10_000, STAMP + 10_000)  # no boxes follow
     page.wait_for(f'numberOf({TOPIC!r}) === 10000 && {LABELS}.length === 0')
-    page.wait_for(f'{NOTE} === "no message of {BOXES} has the stamp of a picture"')
+    page.wait_for(f'{NOTE} === "no message of {BOXES} has the stamp of this picture"')
     assert page.complaints() == []
 
 

@@ -192,7 +192,8 @@ class MatchedFrames:
         if len(self._frames) > 1 and source.newest.header.stamp_ns < self._frames[0].stamp_ns:
             return (f'the messages of {topic} come too late: the node keeps '
                     f'{len(self._frames)} pictures')
-        return f'no message of {topic} has the stamp of a picture'
+        which = 'this' if any(map(self.boxes.find, self._frames)) else 'a'
+        return f'no message of {topic} has the stamp of {which} picture'
 
     def _clear(self) -> None:
         self._frames: deque[NewFrame] = deque(maxlen=_MAX_FRAMES)

@@ -124,7 +124,7 @@ def test_frames_without_boxes_follow_after_a_while(monkeypatch: pytest.MonkeyPat
         await until(lambda: match.matched == [1])
         match.frame(2)
         await until(lambda: match.expired > 0 and match.chosen() == 2)
-        assert match.describe() == 'no message of /boxes has the stamp of a picture'
+        assert match.describe() == 'no message of /boxes has the stamp of this picture'
         match.boxes(2)
         await until(lambda: match.matched == [1, 2])
         assert match.describe() == '1 box'
