@@ -350,6 +350,24 @@ def test_line_and_histogram(viewer: Viewer, browser: Browser, camera: Node) -> N
     page.wait_for('document.querySelector(".chart").offsetWidth === 0')
 
 
+def test_space_after_a_button(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, np.full((480, 640, 3), 255, np.uint8))
+    button = f'tileOf({TOPIC!r}).querySelector("[data-look=exposed]")'
+    page.evaluate('new Promise((done) => setTimeout(done, 1200))')  # the panel has its place
+    left, top = page.evaluate(f'(({{x, y}}) => [x + 9, y + 9])({button}.getBoundingClientRect())')
+    drag(page, *[{'x': left, 'y': top}] * 2)  # a click
+    for is_paused in ('true', 'false'):  # the keys belong to the page
+        page.wait_for(f'{button}.ariaPressed === "true"')
+        page.press(' ')
+        page.wait_for(f'document.getElementById("pause").ariaPressed === "{is_paused}"')
+        assert page.evaluate(f'{button}.ariaPressed') == 'true'
+    page.press('Tab')
+    page.evaluate(f'{button}.focus()')  # as Tab does
+    page.press(' ')
+    page.wait_for(f'{button}.ariaPressed === "false"')
+    assert page.evaluate('document.getElementById("pause").ariaPressed') == 'false'
+
+
 def test_units_of_charts(viewer: Viewer, browser: Browser, camera: Node) -> None:
     image = np.full((480, 640), 1816, np.uint16)
     image[:, 320:], image[3, 5] = 2779, 1038

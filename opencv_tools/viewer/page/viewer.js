@@ -268,11 +268,17 @@ function read({ key, shiftKey, repeat, target }) {
   return true;
 }
 
+let pressed = null; // button that the pointer has pressed, which gets no keys until Tab
+document.addEventListener('click', ({ target, detail }) => {
+  if (detail) pressed = /** @type {Element} */ (target).closest('button, summary'); // no key
+});
+
 // A key acts unless it belongs to the element with the focus.
 document.addEventListener('keydown', (event) => {
+  if (event.key === 'Tab') pressed = null;
   const isIn = (selector) => /** @type {Element} */ (event.target).closest(selector);
   const isTyping = isIn('input:not([type=checkbox], [type=range])') && event.key !== 'Escape';
-  const isPressing = (event.key === ' ' && isIn('button, summary'))
+  const isPressing = (event.key === ' ' && ![null, pressed].includes(isIn('button, summary')))
     || (/ |Arrow/.test(event.key) && isIn('input, select'))
     || (event.key === 'Escape' && document.querySelector(':popover-open')); // which it closes
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
