@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+import signal
 
 from chromium import Browser, Page, wait_until
 from conftest import NodeProcess, recorded_files, spin_until
@@ -73,6 +74,23 @@ def test_picture_that_is_not_kept(viewer: Viewer, browser: Browser, camera: Node
     page.evaluate('sockets.at(-1).close()')
     page.press('s')
     page.wait_for(f'{NOTICE} === "Not saved, because the page has no connection to the node"')
+    assert page.complaints() == []
+
+
+def test_picture_without_an_answer(viewer: Viewer, browser: Browser, camera: Node) -> None:
+    source = RawCamera(camera, TOPIC)
+    page = open_alone(viewer, browser, '')
+    show_all(page, source, 1, 2)
+    pause(page)
+    viewer.process.interrupt(signal.SIGSTOP)
+    page.press('s')
+    page.wait_for('sent.some((one) => one.file)')
+    sentence = 'Not saved, because the page has no connection to the node'
+    page.wait_for(f'{NOTICE} === "{sentence}"')
+    viewer.process.interrupt(signal.SIGCONT)
+    page.wait_for('document.getElementById("state").textContent === "Paused"')
+    assert page.evaluate(NOTICE) == sentence
+    page.wait_for('document.getElementById("notice").hidden')
     assert page.complaints() == []
 
 

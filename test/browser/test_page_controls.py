@@ -20,8 +20,8 @@ from pathlib import Path
 import signal
 
 from chromium import Browser, Page
-from conftest import call_service, NodeProcess, recorded_files, set_parameters
-from pages import Viewer
+from conftest import call_service, NodeProcess, recorded_files, set_parameters, spin_until
+from pages import Camera, Viewer
 import pytest
 from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
@@ -85,6 +85,21 @@ def test_number_sets_a_parameter(kind: str, camera_page: Page, node: Node) -> No
     has_value(camera_page, 'jpeg quality', 40)
     wait_until(lambda: parameter(node, 'jpeg_quality') == 40)
     assert camera_page.complaints() == []
+
+
+def test_node_without_settings(
+        start_viewer: Callable[..., Viewer], browser: Browser, camera: Node) -> None:
+    source = Camera(camera, TOPIC)
+    page = browser.new_page(start_viewer(token=TOKEN, control=True).url)
+    source.show(page, 1)
+    page.evaluate('window.described = false; sockets[0].addEventListener("message", '
+                  '({ data }) => { described ||= typeof data === "string" '
+                  '&& "parameters" in JSON.parse(data); })')
+    page.evaluate(f'tileOf("{TOPIC}").querySelector(".frame").click()')
+    spin_until(camera, lambda: page.evaluate('described'))
+    page.wait_for_paint()
+    assert not page.evaluate('document.querySelector("#controls .node").checkVisibility()')
+    assert page.complaints() == []
 
 
 def test_camera_that_answers_late(

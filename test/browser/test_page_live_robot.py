@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import signal
 from typing import Any
 
 from chromium import Browser, new_browser, Page
@@ -181,6 +182,29 @@ def test_hostile_description(browser: Browser, viewer: Viewer, robot: RobotNode)
     assert page.evaluate('window.ran') is None
     assert page.evaluate('document.querySelectorAll("img").length') == 0
     assert page.complaints() == []
+
+
+@pytest.mark.parametrize(('path', 'document'), [
+    ('robot/', 'document'),
+    ('', 'document.querySelector(".robot iframe").contentDocument')])
+def test_viewer_that_stands_still(path: str, document: str, browser: Browser, viewer: Viewer,
+                                  robot: RobotNode) -> None:
+    page = browser.new_page(f'{viewer.url}{path}')
+    check_poses(page, robot, 0.5, IN_TILE if document != 'document' else IN_PAGE)
+    live = f'{document}.getElementById("live")'
+    color = f'getComputedStyle({document}.querySelector("#stage canvas")).filter'
+    wait_until(lambda: (robot.move(['elbow'], [0.5]),
+                        page.evaluate(f'{live}.dataset.status === "live"'))[1])
+    assert page.evaluate(color) == 'none'
+    viewer.process.interrupt(signal.SIGSTOP)
+    page.wait_for(f'{live}.textContent === "img_viewer does not answer"')
+    assert page.evaluate(f'{live}.dataset.status') == 'silent'
+    assert page.evaluate(color) == 'grayscale(1)'
+    page.wait_for(f'{live}.textContent === "No connection to img_viewer"')
+    assert page.evaluate(color) == 'grayscale(1)'
+    viewer.process.interrupt(signal.SIGCONT)
+    page.wait_for(f'{live}.textContent.startsWith("No positions")')
+    assert page.evaluate(color) == 'none'
 
 
 def test_end_of_the_viewer(browser: Browser, viewer: Viewer, robot: RobotNode) -> None:

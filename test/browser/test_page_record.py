@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+import signal
 from urllib.parse import parse_qs, urlsplit
 
 from chromium import Browser, Page
@@ -237,7 +238,7 @@ def test_node_that_is_killed(
     page.wait_for(f'document.getElementById("state").textContent === "Live" && {IS_ON}')
     assert not page.evaluate(sentence)
     viewer.process.kill()
-    page.wait_for(f'{RECORD}.disabled && {ACCOUNT}.startsWith("No connection: ")')
+    page.wait_for(f'{RECORD}.disabled && {ACCOUNT}.startsWith("No answer: ")')
     page.wait_for('document.getElementById("controls").inert')
     muted, shown = page.evaluate('["state", "recording"].map('
                                  '(id) => getComputedStyle(document.getElementById(id)).color)')
@@ -247,6 +248,25 @@ def test_node_that_is_killed(
     page.wait_for(f'{IS_OFF} && !{RECORD}.disabled && {sentence}')
     assert page.evaluate('document.getElementById("recording").hidden')
     assert page.evaluate(f'{RECORD}.checkVisibility()')
+
+
+def test_node_that_stands_still(
+        recorder: Viewer, browser: Browser, node: Node) -> None:
+    Camera(node, '/front')
+    page = browser.new_page(f'{recorder.url}&topic=/front')
+    buttons = '["record", "keep"].map((id) => document.getElementById(id))'
+    page.wait_for(f'{buttons}.every((one) => one.checkVisibility())')
+    click(page, RECORD)
+    page.wait_for(IS_ON)
+    recorder.process.interrupt(signal.SIGSTOP)
+    page.wait_for('document.getElementById("state").textContent === "Stalled"')
+    assert page.evaluate(ACCOUNT) == 'No answer: nobody knows whether it records'
+    assert page.evaluate(f'{buttons}.map((one) => one.disabled)') == [True, True]
+    assert page.evaluate(f'{buttons}.map((one) => getComputedStyle(one).opacity)') == ['0.5'] * 2
+    recorder.process.interrupt(signal.SIGCONT)
+    page.wait_for(f'{ACCOUNT}.startsWith("Recording 1 topic") && '
+                  f'{buttons}.every((one) => !one.disabled)')
+    assert page.complaints() == []
 
 
 def test_chosen_topics_and_download(

@@ -22,6 +22,7 @@ import time
 
 from chromium import Browser
 from conftest import NodeProcess
+import numpy as np
 from pages import Camera, Viewer
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -50,6 +51,31 @@ def test_viewer_that_stands_still(viewer: Viewer, browser: Browser, camera: Node
     page.wait_for(f'{STATE} === "Live"')
     front.show(page, 2)
     page.wait_for(f'{REASON}.hidden')
+
+
+def test_facts_of_a_node_that_stands_still(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    front = Camera(camera, TOPIC, LATCHED)
+    front.publish_image(np.arange(3072, dtype=np.float32).reshape(48, 64), '32FC1')
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}')
+    page.wait_for(f'tileOf("{TOPIC}")?.querySelector("canvas").checkVisibility()')
+    page.evaluate(f'tileOf("{TOPIC}").querySelector("[data-look=histogram]").click()')
+    page.call('Input.dispatchKeyEvent', type='keyDown', key='ArrowLeft', modifiers=8)
+    page.wait_for('[".pixel", ".chart .hint", "#bar-low"].every('
+                  '(one) => document.querySelector(one).textContent)')
+    colors = ('[".pixel", ".chart .hint", ".facts dd", ".reason", "#bar"].map('
+              '(one) => getComputedStyle(document.querySelector(one)).color)')
+    gray = ('["#bar", ".chart", ".values"].every((one) => getComputedStyle('
+            'document.querySelector(one)).filter === "grayscale(1)")')
+    muted = page.evaluate('getComputedStyle(document.getElementById("state")).color')
+    assert page.evaluate(f'{colors}.filter((one) => one !== "{muted}").length') == 4
+    viewer.process.interrupt(signal.SIGSTOP)
+    for state in ('Stalled', 'Reconnecting'):
+        page.wait_for(f'{STATE} === "{state}"')
+        assert page.evaluate(colors) == [muted] * 5
+        assert page.evaluate(gray)
+    viewer.process.interrupt(signal.SIGCONT)
+    page.wait_for(f'{STATE} === "Live" && {colors}[0] !== "{muted}"')
 
 
 def test_pings_while_nobody_publishes(viewer: Viewer, browser: Browser) -> None:

@@ -86,6 +86,9 @@ export class Steps {
   }
 }
 
+const BUTTONS = ['record', 'keep', 'choose', 'record-chosen'];
+const UNKNOWN = 'No answer: nobody knows whether it records';
+
 /** Return bytes as text. */
 const amount = (bytes) => (bytes < 1e6 ? `${number(bytes / 1e3)} kB`
   : bytes < 1e9 ? `${number(bytes / 1e6)} MB` : `${number(bytes / 1e9)} GB`);
@@ -104,6 +107,7 @@ export class Recording {
   #state = { phase: '' };
   #onChange;
   #allowsDownload = false;
+  #isKnown = true;
   #wasOn = false; // as the node has said last, maybe over another connection
   #isSeen = false; // by this page, so that the account stays after the end
 
@@ -146,10 +150,19 @@ export class Recording {
     part('record').hidden = part('choose').hidden = part('record-key').hidden = true;
   }
 
-  /** Say that the state is not known, as the connection is lost. */
-  lose() {
-    part('record').disabled = part('keep').disabled = part('choose').disabled = true;
-    if (this.isOn) part('recording').textContent = 'No connection: nobody knows whether it records';
+  /** Say whether the state is known, which it is not while the node is silent. @param {boolean} isKnown */
+  know(isKnown) {
+    if (isKnown === this.#isKnown) return;
+    this.#isKnown = isKnown;
+    for (const id of BUTTONS) part(id).disabled = !isKnown;
+    this.#tell();
+  }
+
+  #tell() {
+    const { topics, problem } = this.#state;
+    const verb = this.isOn ? 'Recording' : 'Recorded';
+    if (this.isOn && !this.#isKnown) part('recording').textContent = UNKNOWN;
+    else if (topics) part('recording').textContent = `${verb} ${describe(this.#state)}${problem ? `: ${problem}` : ''}`;
   }
 
   /** Handle a message of the server that concerns recordings. @param {Answer} message */
@@ -169,19 +182,16 @@ export class Recording {
     const wasOn = this.isOn;
     this.#state = state;
     this.#isSeen ||= this.isOn;
-    const verb = this.isOn ? 'Recording' : 'Recorded';
     part('record').hidden = part('record-key').hidden = false;
     part('record').querySelector('span').textContent = this.isOn ? 'Stop' : 'Record';
     part('choose').hidden = this.isOn;
     part('keep').hidden = !state.keeps;
-    part('record').disabled = part('keep').disabled = part('choose').disabled = false;
     part('record').ariaPressed = this.isOn;
     part('recording').hidden = !this.#isSeen || !state.topics;
     part('forget').hidden = part('recording').hidden || this.isOn;
     part('bag').hidden = part('forget').hidden || !this.#allowsDownload || !state.name;
     part('bag').href = `/bag?name=${encodeURIComponent(state.name ?? '')}`;
-    if (state.topics) part('recording').textContent = `${verb} ${describe(state)}`;
-    part('recording').append(state.problem ? `: ${state.problem}` : '');
+    this.#tell();
     if (wasOn !== this.isOn) this.#onChange('');
   }
 }

@@ -161,11 +161,11 @@ export class Layout {
   /** Show what changes by itself: the state of the page and the facts of each tile. */
   show() {
     const { state: { selected, isPaused, node }, connection, tiles, robot } = this.#page;
-    const { range, overlays, controls } = this.#page;
+    const { range, overlays, controls, recording } = this.#page;
     const { mood } = connection;
     const present = mood === 'live' && isPaused ? 'paused' : mood;
-    document.body.dataset.mood = present;
-    part('controls').inert = mood === 'lost';
+    part('controls').inert = mood !== 'live';
+    recording.know(mood === 'live');
     showState(present, node.host ? 'Reconnecting' : 'Connecting');
     part('empty').hidden = tiles.size > 0 || robot.isShown || mood === 'lost';
     for (const tile of tiles.values()) tile.show(present);

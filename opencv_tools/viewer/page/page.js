@@ -97,8 +97,10 @@ export function createNotice(milliseconds) {
   };
 }
 
+// viewer.css turns gray what comes from a node that is silent.
 /** @type {(state: 'live' | 'paused' | 'stalled' | 'lost', lost?: string) => void} */
 export function showState(state, lost = 'Connecting') {
+  document.body.dataset.mood = state;
   part('state').dataset.state = state;
   write(part('state'), { live: 'Live', paused: 'Paused', stalled: 'Stalled', lost }[state]);
 }

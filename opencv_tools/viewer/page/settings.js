@@ -197,7 +197,7 @@ class Row {
 
 /** Parameters of one node that publishes images, and the switch of its camera. */
 class CameraPanel {
-  element = make('section', { className: 'node' });
+  element = make('section', { className: 'node', hidden: true }); // until it has settings
   #rows = new Map();
   #shape = '';
 
@@ -225,6 +225,7 @@ class CameraPanel {
       (row.isSimple ? this.element : others).append(row.element);
     }
     if (others.children.length > 1) this.element.append(others);
+    this.element.hidden = this.element.children.length < 2;
   }
 
   #captureButtons() {

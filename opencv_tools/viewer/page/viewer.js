@@ -27,6 +27,7 @@ import { decodedCodecs } from './video.js';
 const REFRESH_MS = 500;
 const UNTURNED = { turns: 0, isFlipped: false };
 const NOTICE_MS = 8000;
+const NOT_SAVED = 'Not saved, because the page has no connection to the node';
 const ZOOM = 1.5; // of a press of a button
 const FAST = 10; // pixels for each repetition of a key that is held
 // The parts of a tile that use messages, by kind.
@@ -34,7 +35,7 @@ const RECEIVERS = {
   pixel: 'look', profile: 'look', histogram: 'look', exposed: 'look', boxes: 'overlay', camera: 'overlay',
 };
 
-const turnedFiles = new Set(); // topics whose pictures are saved as they are shown
+const saves = new Map(); // by topic: whether the file that is awaited is as the page shows it
 keep({ token: '' });
 const given = readAddress();
 const state = new State(await decodedCodecs());
@@ -50,12 +51,13 @@ const connection = new Connection({
     steps.reset();
     controls.enable(hello.control);
     recording.enable(hello.download);
-    notify(explainLimits(given.get('range')));
+    notify(explainLimits(given.get('range')) || (saves.size ? NOT_SAVED : ''));
+    saves.clear();
     layOut();
   },
   disconnected(sentence) {
-    recording.lose();
-    if (sentence) notify(sentence, false);
+    const isSaid = part('notice').textContent === NOT_SAVED; // after each attempt to connect
+    if (sentence || (saves.size && !isSaid)) notify(sentence || NOT_SAVED, false);
     layout.show();
   },
   received: receive,
@@ -109,8 +111,9 @@ function receive(message) {
   if (message.step) steps.receive(message.step);
   if (message.file) {
     const { file } = message;
-    savePicture(file, arrangement.turned(file.topic), turnedFiles.delete(file.topic))
+    savePicture(file, arrangement.turned(file.topic), saves.get(file.topic))
       .then(notify);
+    saves.delete(file.topic);
   }
   controls.receive(message);
   recording.receive(message);
@@ -184,12 +187,12 @@ function pause() {
 /** Save the picture that a tile shows; the next one may be drawn meanwhile. */
 function save(name, isTurned = false) {
   const tile = tiles.get(name);
-  if (!connection.isOpen) notify('Not saved, because the page has no connection to the node');
+  if (!connection.isOpen) notify(NOT_SAVED);
   else if (tile?.canvas.hidden) notify(tile.link.title || `${name} has no picture yet`);
   else if (tile?.isVideo) {
     saveVideo(tile, isTurned ? arrangement.turned(name) : UNTURNED).then(notify);
   } else if (tile) {
-    if (isTurned) turnedFiles.add(name);
+    saves.set(name, isTurned);
     send({ file: name, picture: tile.picture });
   }
 }

@@ -15,6 +15,8 @@
 // The live robot of img_viewer: a new robot, the positions of its joints, and their age.
 import { byId } from './panel.js';
 
+const REFRESH_MS = 500;
+
 /** Follow the robot until somebody moves a joint, and again after a click on Resume. */
 export class Live {
   /**
@@ -43,6 +45,7 @@ export class Live {
       this.watch();
     }).observe(byId('stage'));
     document.addEventListener('visibilitychange', () => this.watch());
+    setInterval(() => document.hidden || this.show(), REFRESH_MS);
     this.connect();
   }
 
@@ -134,11 +137,13 @@ export class Live {
     const { state = { late: false, age: null, rate: 0, notes: [] } } = this;
     const age = state.age === null ? '' : `${state.age.toFixed(1)} s`;
     let [status, text] = ['late', 'Connecting'];
-    if (this.isLost) text = 'No connection to img_viewer';
+    const silence = this.isLost ? 'No connection to img_viewer'
+      : this.connection?.mood === 'stalled' ? 'img_viewer does not answer' : '';
+    if (silence) [status, text] = [this.isPaused ? 'late' : 'silent', silence];
     else if (this.isPaused || this.isHeld) text = 'Paused';
     else if (state.late) text = age ? `No positions for ${age}` : 'No positions yet';
     else if (age) [status, text] = ['live', `Live, ${state.rate} Hz, age ${age}`];
-    const sentences = [text, ...(this.isLost ? [] : state.notes)].join('. ').replaceAll('..', '.');
+    const sentences = [text, ...(silence ? [] : state.notes)].join('. ').replaceAll('..', '.');
     byId('live').hidden = false;
     byId('live').dataset.status = status;
     if (byId('live').textContent !== sentences) {
