@@ -160,14 +160,14 @@ def test_modules_have_at_most_500_lines() -> None:
             if text.count('\n') > 500} == {}
 
 
-def test_page_of_the_viewer_has_at_most_3350_lines() -> None:
+def test_page_of_the_viewer_has_at_most_3400_lines() -> None:
     # Without the heads with the licence and the comments that tsc checks, see test_linters.py.
     # Pages of their own do not count.
     texts = [path.read_text() for path in (ROOT / 'opencv_tools' / 'viewer' / 'page').iterdir()
              if not path.name.startswith(('calibrate', 'token', 'graph'))]
     assert len(texts) > 10
     lines = [_TYPED.sub('', text.rpartition(_LICENCE_END)[2]).count('\n') for text in texts]
-    assert sum(lines) <= 3350
+    assert sum(lines) <= 3400
 
 
 def test_documents_import_public_modules_only() -> None:
