@@ -59,6 +59,7 @@ BITS = 16  # of a stamp in ms, as squares in the upper rows of a frame
 SQUARE = 80  # pixels
 TURN_MS = 1 << BITS
 ROBOTS = (30, 300)  # moving links
+ROOMS = {'shown': 1440, 'hidden': 760}  # pixels of the window, for pictures of one size
 ROBOT_ROUNDS = 3
 ROBOT_RATIO = 1.2  # goal
 
@@ -228,7 +229,7 @@ def measure_robot(folder: Path, seconds: float) -> Iterator[Figure]:
             address, _, token = url.partition('?')
             for _ in range(ROBOT_ROUNDS):
                 for robot, found in ages.items():
-                    page = browser.new_page(f'{address}?robot={robot}&{token}', 1440, 900)
+                    page = browser.new_page(f'{address}?robot={robot}&{token}', ROOMS[robot], 900)
                     begin = time.monotonic() + SETTLE_SECONDS
                     found.append(watch(page, CANVAS, seconds))
                     elapsed[robot] += time.monotonic() - begin  # a busy page answers late

@@ -148,9 +148,28 @@ def test_slider_pauses_the_live_robot(browser: Browser, viewer: Viewer, robot: R
     page.wait_for('robotView.live.newest.get(0)?.[0] === 0.75')
     assert page.evaluate('robotView.page.views[0].motion.positions[0]') == [1.5]
     page.evaluate("document.getElementById('resume').click()")
-    assert page.evaluate('robotView.page.views[0].motion.positions[0]') == [0.75]
+    page.wait_for('robotView.page.views[0].motion.positions[0][0] === 0.75')
     page.wait_for("document.getElementById('live').textContent.startsWith('No positions for')")
     assert page.complaints() == []
+
+
+@pytest.mark.parametrize('messages', [1, 3, 50])
+def test_robot_moves_once_for_each_drawing(
+        browser: Browser, viewer: Viewer, robot: RobotNode, messages: int) -> None:
+    page = browser.new_page(f'{viewer.url}robot/')
+    check_poses(page, robot, 0.5)
+    page.wait_for('!robotView.stage.wanted')
+    assert page.evaluate("""(() => {
+      const { page: { views: [one] }, stage, live: { listener } } = robotView;
+      stage.request = () => {}; // it is drawn below
+      const { update } = one;
+      let updates = 0;
+      one.update = () => { updates += 1; update.call(one); };
+      for (let message = 1; message <= %d; message += 1) listener.onMove([[0, [message / 100]]]);
+      stage.draw();
+      stage.draw();
+      return [updates, one.motion.positions[0]];
+    })()""" % messages) == [1, [messages / 100]]
 
 
 def test_positions_of_a_former_robot(browser: Browser, viewer: Viewer, robot: RobotNode) -> None:

@@ -19,7 +19,7 @@ const GAP = 5; // pixels between a point and its name
 const FILLED = 0.94; // part of a view that the robot has
 const LONG_MS = 50; // a picture that takes longer is followed by a pause of the same length
 const REST = 4; // pauses for the time taken, so that work has a fifth of the time at most
-const FRAME_MS = 20; // until the browser draws again; longer if the graphics are slow
+const FRAME_MS = 25; // until the browser draws again; longer if the graphics are slow
 const FIRST_DRAWS = 10; // which prepare the graphics
 const MOVED_PIXELS = 5; // a click with less movement chooses a link
 const KEPT_MS = 10000; // the browser has read the file by then
@@ -29,7 +29,7 @@ export class Stage {
     this.box = box;
     this.listener = listener;
     this.names = listener.names;
-    this.draws = this.cost = this.searchMs = 0;
+    this.draws = this.cost = this.usual = this.searchMs = 0;
     this.isBeside = Boolean(window.frameElement); // cameras, which go first
     this.views = ['urdf'];
     this.wanted = false;
@@ -103,6 +103,7 @@ export class Stage {
 
   draw() {
     const begin = performance.now();
+    this.listener.beforeDraw();
     this.wanted = false;
     this.draws += 1;
     const { renderer, camera, scene } = this;
@@ -125,10 +126,12 @@ export class Stage {
     if (this.isBeside) requestAnimationFrame(() => this.slow(performance.now() - begin));
   }
 
-  /** Take the time until the browser draws again, and draw less fine from then on if it is long. */
+  /** Take the time until the browser draws again, and draw less fine if it is usually long. */
   slow(milliseconds) {
-    this.cost = Math.max(this.cost, milliseconds - FRAME_MS);
-    if (this.cost < LONG_MS || this.draws < FIRST_DRAWS || this.renderer.getPixelRatio() < 2) return;
+    this.usual += (milliseconds - this.usual) / FIRST_DRAWS;
+    this.cost = milliseconds;
+    const isFine = this.renderer.getPixelRatio() > 1;
+    if (!isFine || this.draws < FIRST_DRAWS || this.usual < FRAME_MS) return;
     this.renderer.setPixelRatio(1);
     this.request(); // as the canvas is empty now
   }

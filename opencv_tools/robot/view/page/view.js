@@ -29,6 +29,7 @@ let chosen = { robot: 0, link: 0 };
 let pointed; // the link below the pointer, and its robot
 let stage;
 let live; // in img_viewer
+const moves = new Map(); // positions of the live robot since the last drawing, by number of the joint
 
 /** Return the parts that are switched on. */
 const shown = () => new Set(PARTS.filter((name) => byId(`show-${name}`).checked));
@@ -116,9 +117,23 @@ function move(joint, index, value) {
   update();
 }
 
+/** Move the robot as it has moved since the last drawing, which many messages may precede. */
+function follow() {
+  if (!moves.size) return;
+  page.views[0].motion.place(moves);
+  moves.clear();
+  update();
+}
+
+/** Pause the live robot where it is. */
+function pause() {
+  live?.pause(true);
+  follow();
+}
+
 /** Move a joint by a slider, and pause the live robot. */
 function moveByUser(joint, index, value) {
-  live?.pause(true);
+  pause();
   move(joint, index, value);
 }
 
@@ -207,7 +222,7 @@ function report(text) {
 }
 
 /** Ask the server for each new version of the robot. */
-async function follow() {
+async function askForVersions() {
   let version = -1;
   for (;;) {
     try {
@@ -236,16 +251,20 @@ async function follow() {
 
 /** Follow the live robot of img_viewer. */
 function followLive({ robots, version }) {
-  live = new Live({ onRobot: show, onError: report, onMove: (positions) => {
-    page.views[0].motion.place(positions);
-    update();
+  live = new Live({ onError: report, onRobot: (found) => {
+    moves.clear();
+    return show(found);
+  }, onMove: (positions) => {
+    for (const [joint, values] of positions) moves.set(joint, values);
+    if (stage) stage.request();
+    else follow();
   } });
   if (robots) live.version = version;
 }
 
 const save = () => page && stage?.save(`${page.views[0].robot.name || 'robot'}.png`);
 const reset = () => {
-  live?.pause(true);
+  pause();
   page?.views.forEach(({ motion }) => motion.reset());
   if (page) update();
 };
@@ -257,6 +276,7 @@ const KEYS = { f: fit, s: save, 0: reset, 1: press('view-urdf'), 2: press('view-
 function start() {
   try {
     stage = new Stage(byId('stage'), { names: byId('names'), beforeView,
+      beforeDraw: follow,
       onChoose: ({ link, robot }) => choose(link, robot), onPoint: showPointed,
       onResize: () => stage?.isMoved || fit() });
   } catch {
@@ -279,7 +299,7 @@ function start() {
   });
   byId('file').addEventListener('change', ({ target }) => openFile(target.value));
   if (embedded) show(JSON.parse(embedded.textContent));
-  else follow();
+  else askForVersions();
 }
 
 start();
