@@ -20,6 +20,7 @@ const FILLED = 0.94; // part of a view that the robot has
 const LONG_MS = 50; // a picture that takes longer is followed by a pause of the same length
 const REST = 4; // pauses for the time taken, so that work has a fifth of the time at most
 const FRAME_MS = 25; // until the browser draws again; longer if the graphics are slow
+const MAX_COST_MS = 1000; // it was longer if nobody looked meanwhile
 const FIRST_DRAWS = 10; // which prepare the graphics
 const MOVED_PIXELS = 5; // a click with less movement chooses a link
 const KEPT_MS = 10000; // the browser has read the file by then
@@ -128,8 +129,8 @@ export class Stage {
 
   /** Take the time until the browser draws again, and draw less fine if it is usually long. */
   slow(milliseconds) {
-    this.usual += (milliseconds - this.usual) / FIRST_DRAWS;
-    this.cost = milliseconds;
+    this.cost = Math.min(milliseconds, MAX_COST_MS);
+    this.usual += (this.cost - this.usual) / FIRST_DRAWS;
     const isFine = this.renderer.getPixelRatio() > 1;
     if (!isFine || this.draws < FIRST_DRAWS || this.usual < FRAME_MS) return;
     this.renderer.setPixelRatio(1);
