@@ -165,11 +165,13 @@ def test_robot_moves_once_for_each_drawing(
       const { update } = one;
       let updates = 0;
       one.update = () => { updates += 1; update.call(one); };
-      for (let message = 1; message <= %d; message += 1) listener.onMove([[0, [message / 100]]]);
+      for (let message = 1; message <= COUNT; message += 1) {
+        listener.onMove([[0, [message / 100]]]);
+      }
       stage.draw();
       stage.draw();
       return [updates, one.motion.positions[0]];
-    })()""" % messages) == [1, [messages / 100]]
+    })()""".replace('COUNT', str(messages))) == [1, [messages / 100]]
 
 
 def test_positions_of_a_former_robot(browser: Browser, viewer: Viewer, robot: RobotNode) -> None:
