@@ -51,11 +51,14 @@ DEPTH = '/front/depth/image_raw'
 RATE = 10.0
 SCENE, SCENE_FRAME = '/garden', 5
 OVERLAYS = f'?topic={SCENE}/image_raw&boxes={SCENE}/detections&center=true&outline=true&grid=2'
+HISTOGRAM = 'document.querySelector(".tile:not([hidden]) [data-look=histogram]").click()'
 #: Name, address, width, height, and what is done in the page before the picture is taken.
 PICTURES = (
     ('viewer.jpg', '', 1120, 800, ''),
-    ('viewer_look.jpg', f'?topic={CAMERAS[0]}', 1120, 800,
-     'document.querySelector(".tile:not([hidden]) [data-look=histogram]").click()'),
+    ('viewer_look.jpg', f'?topic={CAMERAS[0]}', 1120, 800, HISTOGRAM),
+    ('viewer_dark.jpg', f'?topic={CAMERAS[0]}', 1920, 1080, HISTOGRAM),
+    ('viewer_phone.jpg', '', 390, 844, ''),
+    ('viewer_phone_look.jpg', f'?topic={CAMERAS[0]}', 390, 844, ''),
     ('viewer_depth.jpg', f'?topic={DEPTH}', 1280, 800, ''),
     ('viewer_graph.jpg', 'graph', 1280, 800, ''),
     ('viewer_overlays.jpg', OVERLAYS, 1280, 800, ''),
@@ -207,7 +210,7 @@ def main() -> int:
                     publish = publish_scene(node)
                 publish(SECONDS)  # the topics are known
                 page = browser.new_page(url + path, width, height)
-                page.prefer('light')
+                page.prefer('dark' if name == 'viewer_dark.jpg' else 'light')
                 take(page, publish, IMAGES / name, script)
                 page.close()
             take_calibration(browser)
