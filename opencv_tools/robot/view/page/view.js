@@ -255,8 +255,12 @@ function followLive({ robots, version }) {
     moves.clear();
     return show(found);
   }, onMove: (positions) => {
-    for (const [joint, values] of positions) moves.set(joint, values);
-    if (stage) stage.request();
+    const { positions: shown } = page.views[0].motion;
+    for (const [joint, values] of positions) {
+      if (String(values) === String(shown[joint])) moves.delete(joint); // as after each pause
+      else moves.set(joint, values);
+    }
+    if (stage && moves.size) stage.request();
     else follow();
   } });
   if (robots) live.version = version;
