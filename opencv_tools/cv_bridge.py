@@ -142,7 +142,7 @@ class CvBridge:
             img_msg.data, img_msg.height, img_msg.width, img_msg.step, source,
             bool(img_msg.is_bigendian))
         if desired_encoding == 'passthrough':
-            return view.astype(source.dtype, copy=False)
+            return view if view.dtype.isnative else view.astype(source.dtype)
         return convert_to(view, source, desired_encoding)
 
     @_raises_bridge_errors

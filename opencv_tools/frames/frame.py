@@ -77,7 +77,7 @@ class Frame:
                 raise SizeError(f'the image has {message.width}x{message.height} pixels')
             self._raw = _BRIDGE.imgmsg_to_cv2(message)
             self.raw_encoding = message.encoding
-        self._raw.flags.writeable = False
+        self._raw.setflags(write=False)
         #: The image in the requested encoding: (h, w) for one channel, (h, w, c) otherwise.
         self.image = self.to(target)
         self._target = self.raw_encoding if target in _UNCHANGED else target
@@ -149,7 +149,7 @@ class Frame:
         :returns: (h, w) or (h, w, c) array, a view if the encoding is that of the message.
         :raises CvBridgeError: the encoding is unknown, or the conversion is not supported.
         """
-        if encoding in (*_UNCHANGED, self.raw_encoding):
+        if encoding in _UNCHANGED or encoding == self.raw_encoding:
             return self._raw
         source = find_encoding(self.raw_encoding)
         try:

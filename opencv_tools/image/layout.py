@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 import sys
 from typing import Any
 
@@ -46,23 +47,15 @@ def view_pixels(
     :raises LayoutError: the step is smaller than a row; the data are too short; or the size is odd
         although the chroma is subsampled 2x2.
     """
-    def error(reason: str) -> LayoutError:
-        return LayoutError(f'{width}x{height} {encoding.name} image with step {step}{reason}')
-
-    row = width * encoding.pixel_bytes
-    if step < row:
-        raise error(f': a row needs {row} bytes, more than the step')
-    if not encoding.is_valid_size(height, width):
-        raise error(': width and height must be even, because the chroma is subsampled 2x2')
-    rows = encoding.rows(height)
+    size, dtype, shape = _layout(height, width, step, encoding, is_bigendian)
     content = _view_bytes(data)
-    if content.size < rows * step:
-        raise error(f' needs {rows * step} bytes, but data has {content.size}')
-    dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
-    shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
+    if content.size < size:
+        raise LayoutError(f'{width}x{height} {encoding.name} image with step {step} needs {size} '
+                          f'bytes, but data has {content.size}')
+    row = width * encoding.pixel_bytes
     if step == row:
-        return content[:rows * row].view(dtype).reshape(shape)
-    lines = content[:rows * step].reshape(rows, step)
+        return np.ndarray(shape, dtype, content)
+    lines = content[:size].reshape(shape[0], step)
     if encoding.row_factor == 3:
         # A chroma line of nv24 has twice the length, and all its padding is at its end.
         chroma = lines[height:].reshape(height, 2 * step)[:, :2 * row].reshape(2 * height, row)
@@ -71,6 +64,28 @@ def view_pixels(
     if step % dtype.itemsize:
         lines = lines.copy()  # OpenCV before 5 refuses an array whose rows are not aligned
     return lines.view(dtype).reshape(shape)
+
+
+@lru_cache(64)  # the same for most images of a topic
+def _layout(
+    height: int, width: int, step: int, encoding: Encoding, is_bigendian: bool,
+) -> tuple[int, np.dtype[Any], tuple[int, ...]]:
+    """
+    Return the bytes of an image, the type of its numbers, and the shape of its array.
+
+    :raises LayoutError: see `view_pixels`.
+    """
+    error = f'{width}x{height} {encoding.name} image with step {step}: '
+    row = width * encoding.pixel_bytes
+    if step < row:
+        raise LayoutError(f'{error}a row needs {row} bytes, more than the step')
+    if not encoding.is_valid_size(height, width):
+        raise LayoutError(
+            f'{error}width and height must be even, because the chroma is subsampled 2x2')
+    rows = encoding.rows(height)
+    dtype = np.dtype(encoding.dtype).newbyteorder('>' if is_bigendian else '<')
+    shape = (rows, width) if encoding.channels == 1 else (rows, width, encoding.channels)
+    return rows * step, dtype, shape
 
 
 def view_image(data: Any, height: int, width: int, encoding: Encoding) -> NDArray[Any]:

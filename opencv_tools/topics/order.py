@@ -80,6 +80,19 @@ class OnlyShared:
         self._has_begun = True
         self._last = message
         self.count = max(self.count, number - message, *known)
+        self._later = [later for later in self._later if later[1] > self.count]
+
+    def follow(self, message: int, number: int) -> bool:
+        """
+        Record that the frame after the last one has arrived, as ``advance`` does.
+
+        :returns: False, and nothing is recorded, if there is more to learn from the frame.
+        """
+        if self._later or not self._has_begun or (self._first and self._most is None):
+            return False
+        self._last = message
+        self.count = max(self.count, number - message)
+        return True
 
 
 # Publishers whose numbers are remembered.
@@ -163,7 +176,14 @@ class _Publisher:
 
     def accepts(self, position: Position) -> bool:
         """Return whether a frame is new and arrives in the right way; if so, it is counted."""
-        is_shared = position.number > 0
+        message, number, is_message = position
+        if (self.way is Way.SHARED and number == self._number + 1
+                and message == self._message + is_message
+                and self._only_shared.follow(message, number)):
+            self._message, self._number = message, number
+            self._arrived += 1
+            return True
+        is_shared = number > 0
         if is_shared and self.way is Way.TOPIC:
             return False
         is_new = self._is_after_last(position)
@@ -283,12 +303,13 @@ class FrameOrder:
             self.accepted[b''] = self.accepted.get(b'', 0) + 1
             return True
         found = self._find(publisher)
-        before = found.lost
+        before = found.lost if self._unnumbered else 0
         if not found.accepts(position):
             return False
-        failed = min(self._unnumbered, max(0, found.lost - before))
-        self._unnumbered -= failed
-        self._failed += failed
+        if self._unnumbered:
+            failed = min(self._unnumbered, max(0, found.lost - before))
+            self._unnumbered -= failed
+            self._failed += failed
         self.accepted[publisher] = self.accepted.get(publisher, 0) + 1
         return True
 
