@@ -79,6 +79,8 @@ class LoanedFrame:
         self._image: NDArray[Any] | None = None
         self._slot: Slot | None = None
         self._views: weakref.ref[Any] | None = None
+        #: Bytes of the image that are not changed, if nobody writes to it.
+        self._marks: NDArray[np.uint8] | None = None
 
     @property
     def image(self) -> NDArray[Any]:
@@ -107,7 +109,7 @@ class LoanedFrame:
         :raises RuntimeError: before the block, after it, and if it was given back already.
         """
         if self.image is not None:
-            self._image = self._slot = None
+            self._image = self._slot = self._marks = None
 
     def __enter__(self) -> LoanedFrame:
         """
@@ -125,8 +127,8 @@ class LoanedFrame:
         else:
             data = np.empty(self._size, np.uint8)
         self._image = self._view(data)
-        marked = self._marked(self._image)
-        marked[:] = _MARK[:len(marked)]
+        self._marks = self._marked(self._image)
+        self._marks[:] = _MARK[:len(self._marks)]
         return self
 
     def __exit__(
@@ -134,11 +136,12 @@ class LoanedFrame:
         trace: TracebackType | None,
     ) -> None:
         """Publish the image, unless an exception was raised or it was given back."""
-        image, slot = self._image, self._slot
-        self._image = self._slot = None
-        if image is None or kind is not None:
+        image, slot, marks = self._image, self._slot, self._marks
+        self._image = self._slot = self._marks = None
+        if image is None or marks is None or kind is not None:
             return
-        if self._is_unwritten(image):
+        left, marks = marks.tobytes(), None  # which was a view
+        if left and left == _MARK.tobytes():
             self._log.error(
                 'a loaned frame is not published, because nothing was written to its image: '
                 "OpenCV writes to 'dst' only if it has the size and type of the result",
@@ -153,11 +156,6 @@ class LoanedFrame:
                     'a loaned frame is copied, because an array of it is in use after its block: '
                     'write loan.image instead of a name of your own', once='loan')
         self._publish(image, self.source, slot)
-
-    def _is_unwritten(self, image: NDArray[Any]) -> bool:
-        """Return whether nobody has written to the image; most were written to at their end."""
-        marked = self._marked(image)
-        return bool(len(marked) and marked[-1] == _MARK[-1] and (marked == _MARK).all())
 
     def _marked(self, image: NDArray[Any]) -> NDArray[np.uint8]:
         """Return a view of bytes from the first to the last one; none of a small image."""

@@ -175,18 +175,18 @@ class FramePublisher:
         header = self._header_of(source)
         video = self._topics.video
         compressed, depth = self._topics.compressed, self._topics.depth
-        is_depth = depth.is_due(why_no_depth(encoding.name))
-        is_compressed = compressed.is_due(why_not_compressed(
-            encoding, image.shape[1], encoding.height(image.shape[0]), self._format))
-        if slot and (is_compressed or is_depth or (video and video.count_subscribers())):
+        if slot and self._topics.has_other_subscribers:
             slot = None  # another thread may get the memory before the image is compressed
         is_sent = self._topics.publish_raw(
             lambda _: (array_to_wire(image, encoding, header), slot)) is not None
-        if is_compressed:
+        # The image is on its way. A lent one is not read any more.
+        if compressed.is_due(why_not_compressed(
+                encoding, image.shape[1], encoding.height(image.shape[0]),
+                self._format)) and slot is None:
             is_sent |= compressed.publish(
                 lambda: encode_compressed(image, encoding, self._format, self._quality), header,
                 jpeg_loss(encoding, self._format))
-        if is_depth:
+        if depth.is_due(why_no_depth(encoding.name)) and slot is None:
             is_sent |= depth.publish(
                 lambda: self._depth(image, encoding), header,
                 quantisation_loss(image, self._depth_settings.farthest))

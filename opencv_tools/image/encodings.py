@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, KW_ONLY, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 import re
 from typing import Any
 
@@ -67,7 +67,7 @@ class Encoding:
         """Return the type of a pixel in OpenCV, such as ``8UC3``."""
         return f'{_DEPTH_OF_DTYPE[self.dtype]}C{self.channels}'
 
-    @property
+    @cached_property
     def pixel_bytes(self) -> int:
         """Bytes of a pixel in a row of the message."""
         return self.channels * np.dtype(self.dtype).itemsize

@@ -124,4 +124,4 @@ def array_to_wire(
         header=header, height=encoding.height(rows), width=width, encoding=encoding.name,
         is_bigendian=order == '>' or (order == '=' and sys.byteorder == 'big'),
         step=width * encoding.pixel_bytes,
-        data=np.ascontiguousarray(image).ravel().view(np.uint8).data)
+        data=np.ascontiguousarray(image).reshape(-1).view(np.uint8).data)

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 import itertools
 
 import numpy as np
@@ -94,6 +95,7 @@ def jpeg_loss(encoding: Encoding, wanted: str) -> str:
     return lost and f'{lost}, as compressed_format {wanted} has it'
 
 
+@lru_cache(64)  # the same for most images of a topic
 def why_not_compressed(encoding: Encoding, width: int, height: int, wanted: str) -> str:
     """Return why a topic of compressed images has no image of an encoding; '' if it has."""
     codec, stored = compressed_form(encoding, wanted)

