@@ -26,7 +26,7 @@ import signal
 import socket
 import sys
 from tempfile import mkdtemp
-from threading import get_ident, Thread
+from threading import Thread
 import time
 from types import FrameType
 from typing import Any
@@ -37,14 +37,13 @@ from opencv_tools.base.signals import handle_signals, ignore_signals
 from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.nodes.executable import Executable
 from opencv_tools.topics.errors import ParameterError
+from opencv_tools.topics.executor import FrameExecutor
 from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.fastdds.profile import configured_fastdds, FastDdsSetup
 from opencv_tools.transport.scheduling import explain_refusal
 import rclpy
-from rclpy.context import Context
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -338,23 +337,8 @@ class ClockWatch:
                     'clock:=true, or unset use_sim_time; frames have no stamp until then')))
 
 
-class _Executor(SingleThreadedExecutor):
-    """
-    An executor that spins in the thread of its constructor, and is not woken by this thread.
-
-    rclpy wakes itself after each callback, which builds the wait set twice instead of once. It is
-    built after a callback in any case.
-    """
-
-    def __init__(self, context: Context) -> None:
-        super().__init__(context=context)
-        guard: Any = self._guard
-        thread, trigger = get_ident(), guard.trigger
-        guard.trigger = lambda: None if get_ident() == thread else trigger()
-
-
 def _run(node: ClosableNode, signals: NodeSignals) -> int:
-    executor = _Executor(node.context)
+    executor = FrameExecutor(node.context)
     executor.add_node(node)
     ClockWatch(node)
 

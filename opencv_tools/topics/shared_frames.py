@@ -52,13 +52,14 @@ class FrameSources:
 
     def __init__(
         self, discovery: TopicDiscovery, queue: FrameQueue, options: SubscriptionOptions, log: Log,
-        wake_ups: WakeUps,
+        wake_ups: WakeUps, on_frame: Callable[[], object],
     ) -> None:
         """
         Subscribe to the image topic, and to the announcements of shared frames.
 
         :param queue: queue that gets the frames.
         :param wake_ups: what wakes the executor; its readers become those of the sources.
+        :param on_frame: called in any thread after each shared frame that was put into the queue.
         """
         self._discovery = discovery
         self._queue = queue
@@ -67,7 +68,7 @@ class FrameSources:
         #: Shared memory; None if it is not used.
         self.shared = SharedFrames(
             discovery, queue, log, options, on_change=wake_ups.wake,
-            on_frame=(lambda: None) if options.threaded else wake_ups.wake,
+            on_frame=on_frame,
         ) if options.transport in ('auto', 'shm') and can_share() else None
         #: The image topic.
         self.image = ImageSource(
@@ -234,7 +235,7 @@ class SharedFrames:
     def __init__(
         self, discovery: TopicDiscovery, queue: FrameQueue, log: Log,
         options: SubscriptionOptions, *, on_change: Callable[[], None],
-        on_frame: Callable[[], None],
+        on_frame: Callable[[], object],
     ) -> None:
         """
         Subscribe to the announcements.

@@ -61,7 +61,7 @@ class SharedSource:
 
     def __init__(
         self, origin: Origin, reader: FrameReader, queue: FrameQueue,
-        on_change: Callable[[], None], on_frame: Callable[[], None],
+        on_change: Callable[[], None], on_frame: Callable[[], object],
     ) -> None:
         """
         Start the thread, with the priority of this one.

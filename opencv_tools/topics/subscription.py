@@ -27,6 +27,7 @@ from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.topic_names import camera_info_topic, camera_info_topics
 from opencv_tools.topics.events import destroyable
+from opencv_tools.topics.executor import FrameExecutor
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
@@ -331,7 +332,8 @@ class FrameSubscription:
         self._changing = Lock()  # one thread at a time changes the sources
         self._wake_ups = WakeUps(
             node, self._wake, lambda: not options.threaded and self._queue.has_frames)
-        self._sources = FrameSources(discovery, self._queue, options, log, self._wake_ups)
+        self._sources = FrameSources(
+            discovery, self._queue, options, log, self._wake_ups, self._wake_for_frame)
         self._polled_at = time.monotonic()
         self._is_threaded = options.threaded
         self._infos = InfoReader(node, discovery.resolved, self._queue, self._wake_ups) if (
@@ -466,6 +468,25 @@ class FrameSubscription:
                 frame = self._consumer.next_in_executor()
                 if frame:
                     self._consumer.pass_on(frame)
+
+    def _wake_for_frame(self) -> None:
+        """Have a frame passed on that another thread has put into the queue."""
+        executor = self._node.executor
+        if self._is_threaded:
+            return
+        if isinstance(executor, FrameExecutor):
+            executor.call_soon(self._pass_on)
+        else:
+            self._wake_ups.wake()
+
+    def _pass_on(self) -> None:
+        """Pass on a frame in the executor; those that follow it come after other callbacks."""
+        with self._consumer.calling:
+            frame = self._queue.pop()
+            if frame:
+                self._consumer.pass_on(frame)
+        if self._queue.has_frames:
+            self._wake_for_frame()
 
     def _poll_graph(self) -> None:
         """Adapt to the publishers, and warn if no frames arrive."""

@@ -1,0 +1,141 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Executor that is woken for a frame without the wait set of rclpy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from threading import Condition, get_ident, Thread
+from typing import Any
+
+from rclpy.context import Context
+from rclpy.executors import ShutdownException, SingleThreadedExecutor
+from rclpy.task import Task
+
+
+class FrameExecutor(SingleThreadedExecutor):
+    """
+    Run all callbacks in the thread that spins.
+
+    rclpy builds a wait set of all entities of the node each time it waits, which takes longer than
+    all else of a shared frame. From the first ``call_soon`` on another thread waits, and builds it
+    only for what the middleware has; meanwhile the thread that spins runs what ``call_soon`` was
+    given. What the middleware has comes first, so that frames do not delay timers and services.
+    """
+
+    def __init__(self, context: Context) -> None:
+        """Create an executor without nodes."""
+        super().__init__(context=context)
+        self._changed = Condition()
+        self._calls: dict[Callable[[], object], None] = {}  # oldest first
+        self._task: Task | None = None  # what is ready in the middleware
+        self._error: BaseException | None = None
+        self._waiting: Thread | None = None
+        self._spinning = 0  # the thread that runs what is ready, while it does
+        # rclpy wakes itself after each callback, which builds the wait set twice instead of once.
+        # It is built after a callback in any case.
+        guard: Any = self._guard
+        trigger = guard.trigger
+        guard.trigger = lambda: None if get_ident() == self._spinning else trigger()
+
+    def call_soon(self, call: Callable[[], object]) -> None:
+        """Have a function called in the thread that spins, once if it waits already."""
+        with self._changed:
+            self._calls[call] = None
+            self._changed.notify_all()
+            waits_itself = bool(self._spinning) and self._waiting is None
+        if waits_itself:
+            self.create_task(bool)  # ends the wait of rclpy
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """
+        Run one callback.
+
+        :param timeout_sec: seconds to wait for one; None without a limit.
+        """
+        with self._changed:
+            if not (self._waiting or self._calls):
+                self._spinning = get_ident()
+        if self._spinning:
+            self._run(partial(super().spin_once, timeout_sec))
+            return
+        with self._changed:
+            if self._waiting is None:
+                self._waiting = Thread(target=self._wait, name='executor', daemon=True)
+                self._waiting.start()
+            if not self._changed.wait_for(
+                    lambda: self._task or self._calls or self._error, timeout_sec):
+                return
+            if self._error:
+                error, self._error, self._waiting = self._error, None, None
+                raise error
+            call: Callable[[], object] = self._run_task
+            if not self._task:
+                call = next(iter(self._calls))
+                del self._calls[call]
+        call()
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """
+        End the thread that waits, and all else, as rclpy does.
+
+        :param timeout_sec: seconds to wait for callbacks of other threads; None without a limit.
+        """
+        with self._changed:
+            self._is_shutdown = True
+            self._changed.notify_all()
+        if self._waiting:
+            self.wake()
+            self._waiting.join()
+            self._waiting = None
+        if self._task and not self._spinning:  # nobody will run it
+            self._task.cancel()
+        return bool(super().shutdown(timeout_sec))
+
+    def _run_task(self) -> None:
+        """Run what is ready in the middleware, and have the other thread wait for more."""
+        assert self._task
+        try:
+            self._run(self._task)
+            self._task.result()  # raises its exception
+        finally:
+            with self._changed:
+                self._task = None
+                self._changed.notify_all()
+
+    def _run(self, call: Callable[[], object]) -> None:
+        """Call a function of rclpy in this thread, which does not wake itself."""
+        self._spinning = get_ident()
+        try:
+            call()
+        finally:
+            self._spinning = 0
+
+    def _wait(self) -> None:
+        """Wait for the middleware, until the end of the executor."""
+        try:
+            while True:
+                task, _, _ = self.wait_for_ready_callbacks()
+                with self._changed:
+                    self._task = task
+                    self._changed.notify_all()
+                    self._changed.wait_for(lambda: not self._task or self._is_shutdown)
+        except ShutdownException:
+            pass
+        except BaseException as err:  # noqa: B902 (raised in the thread that spins)
+            with self._changed:
+                self._error = err
+                self._changed.notify_all()

@@ -1,0 +1,217 @@
+# Copyright 2026 opencv_tools maintainers
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The executor of the nodes: wait sets, wake-ups by other threads, order, errors and the end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from threading import Event, Thread, Timer
+import time
+
+from opencv_tools.topics.executor import FrameExecutor
+from opencv_tools.topics.message_reader import WakeUps
+from opencv_tools.topics.timers import create_steady_timer
+import pytest
+from rclpy.node import Node
+from waiting import wait_until
+
+#: Most wait sets before the first callback: the node and the waitable were added.
+AT_START = 3
+
+
+@pytest.fixture(params=['itself', 'in a thread'])
+def executor(node: Node, request: pytest.FixtureRequest) -> Iterator[FrameExecutor]:
+    """Return an executor with the node, which waits for the middleware in one of two ways."""
+    created = FrameExecutor(node.context)
+    created.add_node(node)
+    if request.param != 'itself':
+        created.call_soon(bool)
+        created.spin_once()
+    assert bool(created._waiting) == (request.param != 'itself')
+    yield created
+    created.remove_node(node)
+    created.shutdown()
+
+
+class Counted(WakeUps):
+    """Wake-ups that count the wait sets and the calls."""
+
+    def __init__(self, node: Node, on_wake: Callable[[], object] = lambda: None) -> None:
+        self.built = self.calls = 0
+
+        def count() -> None:
+            self.calls += 1
+            on_wake()
+
+        super().__init__(node, lambda *_: count(), lambda: False)
+
+    def add_to_wait_set(self, wait_set: object) -> None:
+        super().add_to_wait_set(wait_set)
+        self.built += 1
+
+
+@pytest.fixture
+def wake_ups(node: Node) -> Iterator[Counted]:
+    """Return wake-ups of the node."""
+    created = Counted(node)
+    created.start()
+    yield created
+    created.destroy()
+
+
+def test_wait_set_is_built_once_for_each_callback(
+    executor: FrameExecutor, wake_ups: Counted,
+) -> None:
+    executor.spin_once(timeout_sec=0.0)
+    for _ in range(30):
+        Timer(0.02, wake_ups.wake).start()
+        executor.spin_once()
+    assert wake_ups.calls == 30
+    assert wake_ups.built <= 30 + AT_START
+
+
+@pytest.mark.parametrize('count', [10, 70, 500])
+def test_calls_of_another_thread_build_no_wait_set(
+    executor: FrameExecutor, wake_ups: Counted, count: int,
+) -> None:
+    executor.call_soon(bool)
+    executor.spin_once()
+    called: list[int] = []
+    for number in range(count):
+        thread = Thread(target=executor.call_soon, args=[partial(called.append, number)])
+        thread.start()
+        executor.spin_once()
+        thread.join()
+    assert called == [*range(count)]
+    assert wake_ups.built <= AT_START
+
+
+def test_function_that_waits_is_called_once_and_in_its_order(executor: FrameExecutor) -> None:
+    called: list[str] = []
+    first, second = lambda: called.append('first'), lambda: called.append('second')
+    for call in (first, second, first):
+        executor.call_soon(call)
+    executor.spin_once()
+    executor.call_soon(first)
+    for _ in range(3):
+        executor.spin_once(timeout_sec=0.0)
+    assert called == ['first', 'second', 'first']
+
+
+def test_callback_of_the_middleware_comes_before_calls(
+    executor: FrameExecutor, wake_ups: Counted,
+) -> None:
+    executor.call_soon(bool)
+    executor.spin_once()
+    called: list[int] = []
+
+    def call_again() -> None:
+        called.append(wake_ups.calls)
+        executor.call_soon(call_again)
+
+    call_again()
+    wake_ups.wake()
+    wait_until(lambda: executor._task is not None)
+    for _ in range(3):
+        executor.spin_once()
+    assert called == [0, 1, 1]
+
+
+def test_timer_that_a_call_creates_is_waited_for(
+    executor: FrameExecutor, node: Node, wake_ups: Counted,
+) -> None:
+    fired: list[int] = []
+    executor.spin_once(timeout_sec=0.0)
+    wait_until(lambda: wake_ups.built > 0)  # it waits for what exists
+    executor.call_soon(lambda: create_steady_timer(node, 0.001, lambda: fired.append(1)))
+    while not fired:
+        executor.spin_once()
+
+
+@pytest.mark.parametrize('way', ['call', 'callback', 'wait'])
+def test_exception_is_raised_where_the_executor_spins_and_it_goes_on(
+    executor: FrameExecutor, node: Node, way: str,
+) -> None:
+    def fail(*_: object) -> None:
+        raise LookupError('of the test')
+
+    broken = Counted(node, fail)
+    broken.start()
+    if way == 'wait':
+        broken.get_num_entities = fail  # type: ignore[assignment]
+    elif way == 'call':
+        executor.call_soon(fail)
+    else:
+        broken.wake()
+    with pytest.raises(LookupError, match='of the test'):
+        executor.spin_once()
+    broken.destroy()
+    called: list[int] = []
+    create_steady_timer(node, 0.001, lambda: called.append(1))
+    while not called:
+        executor.spin_once()
+
+
+def test_spinning_ends_after_its_time(executor: FrameExecutor) -> None:
+    begin = time.monotonic()
+    executor.spin_once(timeout_sec=0.2)
+    assert time.monotonic() - begin >= 0.2
+
+
+@pytest.mark.filterwarnings('error')
+@pytest.mark.parametrize('where', ['before', 'waiting', 'ready', 'callback', 'call'])
+def test_executor_ends_its_thread(node: Node, where: str) -> None:
+    executor = FrameExecutor(node.context)
+    executor.add_node(node)
+    if where != 'before':
+        executor.call_soon(bool)
+        executor.spin_once()
+    ended = Event()
+
+    def end() -> None:
+        executor.shutdown()
+        ended.set()
+
+    wake_ups = Counted(node, end)
+    wake_ups.start()
+    if where == 'before':
+        end()
+    elif where == 'waiting':
+        wait_until(lambda: wake_ups.built > 0)
+        end()
+    elif where == 'ready':
+        wake_ups.wake()
+        task = wait_until(lambda: executor._task)
+        end()
+        assert task.cancelled()
+    elif where == 'call':
+        executor.call_soon(end)
+        executor.spin_once()
+    else:
+        wake_ups.wake()
+        executor.spin_once()
+    assert ended.is_set()
+    assert executor._waiting is None
+    wake_ups.destroy()
+
+
+@pytest.mark.parametrize('way', ['create_task', 'call_soon'])
+def test_other_thread_ends_the_wait(executor: FrameExecutor, way: str) -> None:
+    executor.spin_once(timeout_sec=0.0)
+    other = Timer(0.1, getattr(executor, way), [bool])
+    other.start()
+    executor.spin_once()
+    other.join()
