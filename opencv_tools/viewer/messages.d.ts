@@ -224,6 +224,7 @@ export interface Subscribe {
   colors?: string;
   looks?: boolean;
   held?: boolean;
+  searched?: boolean;
 }
 
 /** Message of the page of the cameras; the first word says which. */
@@ -325,8 +326,9 @@ export interface SessionHello {
   boards: string[];
 }
 
-/** Corners of the board in the newest image, and what the search says. */
+/** Corners of the board in a frame, by its stamp and number, and what the search says. */
 export interface Seen {
+  frame: string;
   corners: number[][];
   capture: string;
 }

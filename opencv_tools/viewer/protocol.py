@@ -72,6 +72,7 @@ class ViewRequest:
     :param colors: colours of depth, one of ``COLORS``.
     :param looks: whether the viewer asks for values of the pixels.
     :param held: whether the last picture stays, and no newer one is sent.
+    :param searched: whether pictures are those that a calibration has searched for its board.
     """
 
     width: int = 0
@@ -85,6 +86,7 @@ class ViewRequest:
     colors: str = 'turbo'
     looks: bool = False
     held: bool = False
+    searched: bool = False
 
 
 def pack_frame(
@@ -226,7 +228,8 @@ def parse_options(message: dict[str, Any]) -> ViewRequest:
         quality=int(valid_number(message.get('quality', 0), 'quality', 0, 100)),
         rate=valid_number(message.get('rate', 0), 'rate', 0, 1000),
         limits=limits, region=parse_region(message.get('region')), colors=colors,
-        **{name: message.get(name) is True for name in ('fixed', 'video', 'looks', 'held')})
+        **{name: message.get(name) is True
+           for name in ('fixed', 'video', 'looks', 'held', 'searched')})
 
 
 def parse_region(values: Any) -> Region | None:

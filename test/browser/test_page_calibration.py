@@ -17,13 +17,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import itertools
 from pathlib import Path
 import re
+import time
+from typing import Any
 from urllib.parse import quote
 
 from chromium import Browser, Page
 from conftest import NodeProcess, spin_until
 import numpy as np
+from opencv_tools.calibration.board_pictures import board_pixels
 from opencv_tools.calibration.boards import parse_board
 from opencv_tools.calibration.detection import BoardFinder, Detection
 from opencv_tools.cv_bridge import CvBridge
@@ -32,8 +36,9 @@ import pytest
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rendered_boards import Camera
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from shown_boards import bend, BOARD, held_board, known_bend, RATE, write_former
+from waiting import wait_until
 
 pytest_plugins = ['pages']
 
@@ -139,6 +144,69 @@ def test_whole_calibration(page: Page, truth: Camera, node: Node) -> None:
     click(page, 'restore')
     page.wait_for(f'{text_of("notice")}.startsWith("The former calibration is back")')
     spin_until(node, lambda: infos[-1].k[0] == FORMER)
+    assert page.complaints() == []
+
+
+# Keeps how far the first column of circles is from its place in the picture below it, which the
+# white edge of the board tells, in pixels of the image, for each picture with circles.
+MEASURE = """
+window.distances = [];
+let circles = [];
+const { arc, clearRect } = CanvasRenderingContext2D.prototype;
+CanvasRenderingContext2D.prototype.clearRect = function (...words) {
+  circles = [];
+  clearRect.apply(this, words);
+};
+CanvasRenderingContext2D.prototype.arc = function (x, ...words) {
+  circles.push(x / this.canvas.parentElement.clientWidth);
+  arc.call(this, x, ...words);
+};
+const measure = (canvas) => {
+  if (!circles.length) return;
+  const row = canvas.getContext('2d').getImageData(0, %d, canvas.width, 1).data;
+  const left = row.findIndex((value, place) => place %% 4 === 0 && value > 180) / 4;
+  distances.push(Math.abs(Math.min(...circles) * canvas.width - left - %d));
+};
+// After the circles of the picture, which are drawn for the same picture of the screen.
+document.addEventListener('drawn', ({ target }) => queueMicrotask(
+  () => requestAnimationFrame(() => measure(target))), true);
+"""
+MOVED_BOARD, MOVED_SCALE, MOVED_EDGE = 'chessboard:7x5:30mm', 1.0, 20
+MOVED_SIZE, MOVED_STEP = (640, 360), 8  # pixels
+
+
+def moved_board(number: int) -> np.ndarray:
+    """Return a picture with the board, which moves to the right and back."""
+    board = board_pixels(parse_board(MOVED_BOARD), MOVED_SCALE, MOVED_EDGE)
+    height, width = board.shape
+    room = (MOVED_SIZE[0] - width) // MOVED_STEP
+    image = np.full(MOVED_SIZE[::-1], 110, np.uint8)
+    left = MOVED_STEP * abs((number + room) % (2 * room) - room)
+    image[MOVED_EDGE:MOVED_EDGE + height, left:left + width] = board
+    return image
+
+
+@pytest.mark.parametrize(('kind', 'topic', 'convert'), [
+    (Image, TOPIC, lambda image: CvBridge().cv2_to_imgmsg(image, 'mono8')),
+    (CompressedImage, f'{TOPIC}/compressed', CvBridge().cv2_to_compressed_imgmsg)])
+def test_corners_of_the_picture_that_is_shown(
+        start_viewer: Callable[..., Viewer], browser: Browser, node: Node, kind: type, topic: str,
+        convert: Callable[[np.ndarray], Any]) -> None:
+    publisher, numbers = node.create_publisher(kind, topic, 10), itertools.count()
+
+    def publish() -> None:
+        message = convert(moved_board(next(numbers)))
+        message.header.stamp = node.get_clock().now().to_msg()
+        publisher.publish(message)
+        time.sleep(1 / 25)
+
+    viewer = start_viewer(token=TOKEN, control=True)
+    page = browser.new_page(f'{viewer.url.replace("?", "calibrate?")}&topic={TOPIC}')
+    page.evaluate(MEASURE % (MOVED_EDGE * 3 // 2, MOVED_EDGE + 30))
+    choose(page, MOVED_BOARD)
+    wait_until(lambda: page.evaluate('distances.length') > 30, 'pictures with corners', publish,
+               drawn=lambda: page.evaluate('drawn.length'))
+    assert max(page.evaluate('distances')) < 2
     assert page.complaints() == []
 
 

@@ -111,6 +111,8 @@ def search(
 
 _PERIOD = 1 / 15  # so that one session leaves time for others
 _WAIT_SECONDS = 1.0
+# A search that ends within this time has pages wait for the next one, for this time at most.
+_SHOWN_SECONDS = 1.0
 _IDLE_SECONDS = 0.2
 
 #: What a page gets after a search: the newest image, or why it cannot be read.
@@ -126,7 +128,7 @@ class BoardSearch:
 
     def __init__(
         self, stream: Stream, session: Session, thread: Executor, is_watched: Callable[[], bool],
-        on_seen: Callable[[Seen], object],
+        on_seen: Callable[[str, Seen], object],
     ) -> None:
         """
         Begin to search.
@@ -134,7 +136,7 @@ class BoardSearch:
         :param session: session that gets the boards.
         :param thread: the thread that searches.
         :param is_watched: returns whether somebody looks.
-        :param on_seen: called after each search.
+        :param on_seen: called after each search with the identity of the frame.
         """
         self._stream = stream
         self._session = session
@@ -142,7 +144,10 @@ class BoardSearch:
         self._is_watched = is_watched
         self._on_seen = on_seen
         self._pace = ThoroughPace()
+        self._shown: NewFrame | None = None
+        self._shown_until = 0.0
         self._loop = asyncio.get_running_loop()
+        stream.searched = self.shown
         self._watching = asyncio.ensure_future(self._watch())
 
     def close(self) -> None:
@@ -161,12 +166,33 @@ class BoardSearch:
             frame = await self._stream.next_frame(number, _WAIT_SECONDS)
             if frame is None:
                 continue
-            number = frame.number
+            number, searched = frame.number, self._loop.time()
             try:
                 await self._examine(frame, finder)
             except ImageError as err:
-                self._on_seen(err)
+                self._on_seen(frame.identity, err)
+            if self._loop.time() < searched + _SHOWN_SECONDS:
+                self._show(frame)
             await asyncio.sleep(max(0.0, begin + _PERIOD - self._loop.time()))
+
+    def shown(self) -> NewFrame | None:
+        """
+        Return the frame that pages show, so that corners are drawn over the image they are of.
+
+        :returns: the frame that was searched last; the newest one without quick searches. It is
+            never older than the one before, and None before the first one.
+        """
+        if self._shown is None or self._loop.time() >= self._shown_until:
+            self._shown = self._stream.feed.newest
+        return self._shown
+
+    def _show(self, frame: NewFrame) -> None:
+        """Have pages show a frame that was searched."""
+        if self._shown is None or frame.number > self._shown.number:
+            self._shown = frame
+        self._shown_until = self._loop.time() + _SHOWN_SECONDS
+        for watcher in tuple(self._stream.watchers):
+            watcher()
 
     async def _examine(self, frame: NewFrame, finder: BoardFinder) -> None:
         """Search an image for the board, and again for all details if they are needed."""
@@ -183,7 +209,7 @@ class BoardSearch:
                 return
             session.take(found)
         if session.sighting:
-            self._on_seen(session.sighting)
+            self._on_seen(frame.identity, session.sighting)
 
     async def _call(self, function: Callable[[], Any]) -> Any:
         return await self._loop.run_in_executor(self._thread, function)

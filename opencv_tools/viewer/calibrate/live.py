@@ -253,9 +253,9 @@ class LiveCalibration(Watched[Show]):
             self._busy = ''
         self._show(self.state())
 
-    def _show_seen(self, seen: Seen) -> None:
-        """Show the newest image, and the state if it has changed."""
-        self._show({'seen': seen_json(seen)})
+    def _show_seen(self, frame: str, seen: Seen) -> None:
+        """Show what was found in a frame, and the state if it has changed."""
+        self._show({'seen': {'frame': frame, **seen_json(seen)}})
         session = self.session
         present = session.hint, session.numbers, session.size, session.notice
         if present != self._shown:

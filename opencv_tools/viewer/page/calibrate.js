@@ -26,16 +26,16 @@ const NOTICE_MS = 10000;
 const RATE = 15; // of the pictures in Hz; the search for the board needs the other time
 const RADIUS = 3.5; // of a corner in pixels of the style sheet
 const FLASH_MS = 400;
-const KEPT_MS = 600; // of corners without a newer image
+const KEPT = 8; // frames whose corners are kept until they are shown
 
 /** Corners and covered cells, drawn above a picture that fills its frame. */
 class Overlay {
   #canvas = document.createElement('canvas');
   #frame;
-  #corners = [];
+  #corners = new Map(); // by frame, the newest last
+  #shown = ''; // frame
   #cells = [];
   #isCovered = true;
-  #timer = 0;
   #request = 0; // of the next drawing
 
   /** @param frame element of the picture. */
@@ -52,13 +52,17 @@ class Overlay {
     this.#draw();
   }
 
-  /** Show corners, parts of the width and the height of the picture. */
-  see(corners) {
-    this.#corners = corners;
-    this.#canvas.dataset.corners = corners.length;
-    clearTimeout(this.#timer);
-    this.#timer = setTimeout(() => this.see([]), KEPT_MS);
-    if (!corners.length) clearTimeout(this.#timer);
+  /** Show corners while their frame is shown; parts of the width and the height of the picture. */
+  see(frame, corners) {
+    this.#corners.set(frame, corners);
+    if (this.#corners.size > KEPT) this.#corners.delete(this.#corners.keys().next().value);
+    this.show(this.#shown);
+  }
+
+  /** Show the corners of the frame that the picture shows. */
+  show(frame) {
+    this.#shown = frame;
+    this.#canvas.dataset.corners = this.#corners.get(frame)?.length ?? 0;
     this.#draw();
   }
 
@@ -70,7 +74,8 @@ class Overlay {
 
   clear() {
     this.#cells = [];
-    this.see([]);
+    this.#corners.clear();
+    this.show(this.#shown);
   }
 
   /** Show that a view was taken. */
@@ -100,7 +105,7 @@ class Overlay {
     context.lineWidth = 1.5;
     context.strokeStyle = '#00231a';
     context.fillStyle = '#3df5b0';
-    for (const [x, y] of this.#corners) {
+    for (const [x, y] of this.#corners.get(this.#shown) ?? []) {
       context.beginPath();
       context.arc(x * width, y * height, RADIUS, 0, 2 * Math.PI);
       context.fill();
@@ -154,6 +159,9 @@ const tile = new Tile(topic, pictures);
 tile.link.removeAttribute('aria-label'); // it leads nowhere here
 part('picture').append(tile.element);
 const overlay = new Overlay(tile.link);
+tile.canvas.addEventListener('drawn', ({ detail: { origin } }) => {
+  overlay.show(`${origin.exact}/${origin.number}`);
+});
 
 const session = new Connection({
   connected(hello) {
@@ -172,7 +180,7 @@ const session = new Connection({
   received(message) {
     if (message.state) receiveState(message.state);
     if (message.seen) {
-      overlay.see(message.seen.corners);
+      overlay.see(message.seen.frame, message.seen.corners);
       write(part('capture'), sentence(message.seen.capture));
     }
     if (message.error) notify(sentence(message.error));
@@ -216,7 +224,7 @@ function show() {
   write(part('hint'), sentence(nextStep()));
   if (!state?.board) write(part('capture'), '');
   const width = widths.find((step) => step >= tile.view.width) ?? 0;
-  tile.ask(!document.hidden, { width, rate: RATE });
+  tile.ask(!document.hidden, { width, rate: RATE, searched: true });
   tile.show(session.mood);
 }
 

@@ -234,7 +234,7 @@ export class Tile {
     this.#ages.splice(0, this.#ages.length - AGES);
     this.canvas.hidden = false;
     this.view.show(place.slice(0, 4), place.slice(4));
-    this.canvas.dispatchEvent(new CustomEvent('drawn', { detail: { sequence, stamp, sent } }));
+    this.canvas.dispatchEvent(new CustomEvent('drawn', { detail: { sequence, stamp, sent, origin } }));
   }
 
   /** Return whether no picture has come for three periods, 1 to 2 s; longer for a slow camera. */

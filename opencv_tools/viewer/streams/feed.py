@@ -168,6 +168,11 @@ class NewFrame:
         """Return the stamp of the message in nanoseconds."""
         return self.message.header.sec * NANO + self.message.header.nanosec
 
+    @property
+    def identity(self) -> str:
+        """Return what pages know a picture by: stamp in nanoseconds, and number."""
+        return f'{max(0, self.stamp_ns)}/{self.sequence % 2**32}'
+
 
 def is_own(message: AnyMessage) -> bool:
     """Return whether the data of a message are not in the shared memory of its publisher."""

@@ -80,6 +80,8 @@ class Stream(Watched[Callable[[], object]]):
         self._pixels: tuple[int, asyncio.Future[Pixels]] | None = None
         self._forgets: asyncio.TimerHandle | None = None
         self.feed = feed_type(self._notify)
+        #: Returns the frame on pages that calibrate; None before the first one.
+        self.searched: Callable[[], NewFrame | None] = lambda: self.feed.newest
 
     @property
     def broken(self) -> int:

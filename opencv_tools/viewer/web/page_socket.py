@@ -222,7 +222,8 @@ class PageSocket(SocketHandler):
         if len(self._channels) >= MAX_TOPICS:
             raise RequestError(f'a page can look at {MAX_TOPICS} topics at most')
         try:
-            stream = await self.site.hub.stream(name, video=options.video, slow=options.slow)
+            stream = await self.site.hub.stream(
+                name, original=options.searched, video=options.video, slow=options.slow)
         except RequestError as err:
             return {'error': str(err), 'topic': name}
         if self.ws_connection is None or name in self._channels:
@@ -245,7 +246,8 @@ class PageSocket(SocketHandler):
                 stream.number, self._overlays.send(stream.name, frame, sequence),
                 (frame.stamp_ns, frame.sequence, frame.message.header.frame_id),
                 time.time(), (*picture.region.values, *picture.source_size), picture.data)),
-            partial(self._overlays.newest, stream.name))
+            (lambda _: stream.searched()) if options.searched
+            else partial(self._overlays.newest, stream.name))
 
     def _may_look(self, name: str) -> bool:
         """Return whether the frames of another topic may be kept for questions."""

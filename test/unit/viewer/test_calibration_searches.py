@@ -16,8 +16,12 @@
 
 from __future__ import annotations
 
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 from typing import Any
 
+from console import Console
 import cv2
 from images import random_image
 import numpy as np
@@ -30,10 +34,15 @@ from opencv_tools.image.encodings import ENCODINGS, find_encoding
 from opencv_tools.image.errors import ImageError
 from opencv_tools.image.layout import array_to_wire
 from opencv_tools.image_codecs import encode_image
+from opencv_tools.topics.queue import ReceivedMessage
+from opencv_tools.viewer.calibrate import board_search
 from opencv_tools.viewer.calibrate.board_search import (
-    gray_image, search, search_fast, ThoroughPace)
+    BoardSearch, gray_image, search, search_fast, ThoroughPace)
+from opencv_tools.viewer.calibrate.session import Session
+from opencv_tools.viewer.streams.stream import Stream
 import pytest
 from rendered_boards import needs_markers, poses, wide_camera
+from waiting import pause_loop, until
 
 pytestmark = needs_markers
 
@@ -116,6 +125,39 @@ def test_slow_thorough_search_is_rare() -> None:
     assert (pace.is_due(5.9), pace.is_due(6.1)) == (False, True)
     pace.ended(10.0, 2.0)
     assert (pace.is_due(15.9), pace.is_due(16.1)) == (False, True)
+
+
+@pytest.mark.parametrize(('seconds', 'shown'), [(0.0, 2), (1e9, 1)])
+def test_pages_wait_for_quick_searches_only(
+        seconds: float, shown: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(board_search, '_SHOWN_SECONDS', seconds)
+    seen: list[str] = []
+
+    async def work() -> None:
+        with ThreadPoolExecutor(1) as thread:
+            stream = Stream(7, ('/image', 'raw'), asyncio.get_running_loop(), thread, Console())
+            session, go_on = Session(), Event()
+            session.choose('chessboard:9x6:25mm')
+            search_of_stream = BoardSearch(
+                stream, session, thread, lambda: True, lambda frame, _: seen.append(frame))
+            for number in (1, 2):
+                stream.feed.put(ReceivedMessage(
+                    wire(np.full((90, 120), 90, np.uint8), 'mono8'), 0, number=number))
+                if number == 1:
+                    await until(lambda: len(seen) == 1)
+                    await pause_loop(0.0)
+                    thread.submit(go_on.wait)
+            found = stream.searched()
+            go_on.set()
+            assert found and found.number == shown
+            await until(lambda: len(seen) == 2)
+            await pause_loop(0.0)
+            found = stream.searched()
+            assert found and found.number == 2
+            search_of_stream.close()
+
+    asyncio.run(work())
+    assert seen == ['0/1', '0/2']
 
 
 @pytest.mark.parametrize('size', [(1, 1), (1, 640), (2, 2), (3000, 1)])

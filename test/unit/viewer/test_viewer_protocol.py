@@ -87,6 +87,7 @@ def test_options_of_a_subscription() -> None:
             ViewRequest(width=640, quality=80, rate=10, fixed=True, limits=(-1, 2.5)))
     assert parse_options({'region': [2, 4, 320, 240], 'looks': True, 'held': True}) == (
         ViewRequest(region=Region(x=2, y=4, width=320, height=240), looks=True, held=True))
+    assert parse_options({'searched': True}) == ViewRequest(searched=True)
     assert parse_options({'range': None}).limits is None
     assert parse_options({'colors': 'gray', 'video': True}) == ViewRequest(
         colors='gray', video=True)
@@ -110,7 +111,7 @@ def test_view_without_requests() -> None:
     options = ViewRequest()
     assert {name: value for name, value in asdict(options).items() if value is not None} == {
         'width': 0, 'quality': 0, 'rate': 0.0, 'colors': 'turbo',
-        **dict.fromkeys(('fixed', 'video', 'slow', 'looks', 'held'), False)}
+        **dict.fromkeys(('fixed', 'video', 'slow', 'looks', 'held', 'searched'), False)}
     assert options.limits is options.region is None
     with pytest.raises(FrozenInstanceError):
         options.width = 5  # type: ignore[misc]
