@@ -350,6 +350,21 @@ def test_line_and_histogram(viewer: Viewer, browser: Browser, camera: Node) -> N
     page.wait_for('document.querySelector(".chart").offsetWidth === 0')
 
 
+def test_line_from_beside_the_picture_selects_no_text(
+        viewer: Viewer, browser: Browser, camera: Node) -> None:
+    page = open_image(viewer, browser, camera, random_image())
+    picture = place_of(page, 310.5, 100.5)
+    left, top, right, bottom = page.evaluate(
+        '(({left, top, right, bottom}) => [left, top, right, bottom])('
+        'document.querySelector(".facts").getBoundingClientRect())')
+    for begin in (place_of(page, -3, 100), place_of(page, 320, 490)):
+        for end in (picture, {'x': right - 2, 'y': bottom - 2}):
+            drag(page, begin, end)
+            assert page.evaluate('getSelection().toString()') == ''
+    drag(page, {'x': left + 2, 'y': top + 2}, {'x': right - 2, 'y': bottom - 2})
+    assert '640 × 480' in page.evaluate('getSelection().toString()')  # facts can be copied
+
+
 def test_space_after_a_button(viewer: Viewer, browser: Browser, camera: Node) -> None:
     page = open_image(viewer, browser, camera, np.full((480, 640, 3), 255, np.uint8))
     button = f'tileOf({TOPIC!r}).querySelector("[data-look=exposed]")'
