@@ -261,6 +261,7 @@ def test_node_that_stands_still(
     recorder.process.interrupt(signal.SIGSTOP)
     page.wait_for('document.getElementById("state").textContent === "Stalled"')
     assert page.evaluate(ACCOUNT) == 'No answer: nobody knows whether it records'
+    assert not page.evaluate('document.title.startsWith("● ")')
     assert page.evaluate(f'{buttons}.map((one) => one.disabled)') == [True, True]
     assert page.evaluate(f'{buttons}.map((one) => getComputedStyle(one).opacity)') == ['0.5'] * 2
     recorder.process.interrupt(signal.SIGCONT)

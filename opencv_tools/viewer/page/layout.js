@@ -70,14 +70,11 @@ export class Layout {
 
   /** Show one topic or all, as somebody has chosen. */
   update() {
-    const { state: { selected, isPaused, node }, tiles, robot, steps, recording } = this.#page;
-    const { arrangement } = this.#page;
+    const { state: { selected, isPaused, node }, tiles, robot, steps, arrangement } = this.#page;
     document.body.dataset.view = selected ? 'one' : 'all';
     const title = selected || (node.host ? `Cameras of ${node.host}` : 'Cameras');
     const isLong = selected.length > LONG;
     showName(part('title'), title, isLong ? shortNames([...tiles.keys()]).get(title) : title);
-    document.title = (recording.isOn ? '● ' : '')
-      + (selected && node.host ? `${selected} – ${node.host}` : title);
     part('pause').ariaPressed = isPaused;
     part('pause').querySelector('span').textContent = isPaused ? 'Resume' : 'Pause';
     const { turns, isFlipped } = arrangement.turned(tiles.alone);
@@ -166,6 +163,8 @@ export class Layout {
     const present = mood === 'live' && isPaused ? 'paused' : mood;
     part('controls').inert = mood !== 'live';
     recording.know(mood === 'live');
+    document.title = (recording.isOn && mood === 'live' ? '● ' : '')
+      + [selected || 'Cameras', node.host].filter(Boolean).join(selected ? ' – ' : ' of ');
     showState(present, node.host ? 'Reconnecting' : 'Connecting');
     part('empty').hidden = tiles.size > 0 || robot.isShown || mood === 'lost';
     for (const tile of tiles.values()) tile.show(present);
