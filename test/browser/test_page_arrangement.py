@@ -287,7 +287,12 @@ def test_two_topics_with_one_cursor(viewer: Viewer, browser: Browser, camera: No
         page.wait_for(f'{shown} === "320, 100: {text}"')
     assert page.evaluate('tileOf("/rear").querySelector(".line").getAttribute("d")') != ''
     check_all(page)
-    assert page.evaluate('new URL(location).searchParams.get("beside")') == '/rear'
+    beside = 'new URL(location).searchParams.get("beside")'
+    assert page.evaluate(beside) == '/rear'
+    page.press('Escape')
+    assert page.evaluate(beside) is None
+    page.press('Enter')  # of the link to the same picture
+    page.wait_for(f'{beside} === "/rear"')
     write(page, 'beside', '')
     page.wait_for(f'{TILES} === "/front"')
     assert page.complaints() == []

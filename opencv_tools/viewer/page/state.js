@@ -198,6 +198,7 @@ export class Arrangement {
 
   /** Write the arrangement into the address. */
   keep() {
-    keep(Object.fromEntries(NAMES.map((name) => [name, this.#values.getAll(name)])));
+    keep(Object.fromEntries(NAMES.map((name) => [name,
+      name === 'beside' && !topicOfAddress() ? [] : this.#values.getAll(name)]))); // of one picture
   }
 }
