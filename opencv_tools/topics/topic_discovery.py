@@ -252,11 +252,13 @@ class TopicDiscovery:
         allowed = {image_topic.type_name for image_topic in self.allowed}
         example = next((name for name, types in topics.items() if not allowed.isdisjoint(types)),
                        '')
-        remedy = f'-r {self._topic}:={example or next(iter(topics))}'
-        if not example:
+        remedy = f'receive one with -r {self._topic}:={example or next(iter(topics))}'
+        if self._topic.startswith('/'):  # chosen from a list, as img_viewer does
+            remedy = 'choose one of them'
+        elif not example:
             remedy += ' -p transport:=auto'
         return f'images are published on {enumerated([*map(printable, topics)])} in {domain}; ' \
-               f'receive one with {remedy}'
+               f'{remedy}'
 
 
 def _possible_topics(topic: str, resolved: str) -> Sequence[ImageTopic]:

@@ -86,6 +86,16 @@ def test_explanation_with_a_remedy(
         discovery.allowed[0], RELIABLE)
 
 
+def test_explanation_of_a_topic_that_was_chosen_from_a_list(
+        node: Node, camera: Node, domain: int) -> None:
+    camera.create_publisher(Image, '/a', RELIABLE)
+    discovery = TopicDiscovery(node, TOPIC, 'auto')
+    spin_until(node, lambda: node.count_publishers('/a') == 1)
+    assert discovery.explain_no_frames(discovery.allowed[0], RELIABLE) == (
+        f'no publisher on {TOPIC}; images are published on /a in ROS_DOMAIN_ID {domain}; '
+        'choose one of them')
+
+
 def test_explanation_of_a_video_topic_without_frames(node: Node, camera: Node) -> None:
     topic = f'{TOPIC}/ffmpeg'
     camera.create_publisher(message_type(FFMPEG_PACKET), topic, RELIABLE)
