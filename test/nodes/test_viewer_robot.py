@@ -225,6 +225,8 @@ def test_page_that_does_not_answer(viewer: NodeProcess, robot: RobotNode) -> Non
         for _ in range(3):
             ((_, (shown,)),) = await publishing(move, page.text('positions'))
         assert await publishing(move, read()) == []
+        await page.send(got=True)
+        assert 'give a number' in await page.text('error')
         await page.send(got=1)  # only the newest positions follow
         ((_, (newest,)),) = await page.text('positions')
         assert shown < newest < next(numbers)

@@ -23,6 +23,7 @@ from typing import Any
 
 from opencv_tools.robot.view.single_file import INDEX, page_policy, read_page
 from opencv_tools.viewer.errors import RequestError
+from opencv_tools.viewer.protocol import LARGEST, valid_number
 from opencv_tools.viewer.robot.live import LiveRobots
 from opencv_tools.viewer.web.page_files import PageFile
 from opencv_tools.viewer.web.web import FileHandler, IndexHandler, Site, SiteHandler, SocketHandler
@@ -63,6 +64,7 @@ class RobotSocket(SocketHandler):
     async def answer(self, wanted: dict[str, Any]) -> None:
         """Use a message of the page."""
         if 'got' in wanted:
+            valid_number(wanted['got'], 'got', 0, LARGEST)
             self._unread = max(0, self._unread - 1)
             self._flush()
         elif 'watch' in wanted:
