@@ -19,10 +19,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from opencv_tools.base.remedies import explain_variables
 from opencv_tools.nodes.command_line import check_ros_arguments
 from opencv_tools.nodes.help_text import check_options
 from opencv_tools.nodes.parameters import describe_parameters, Parameter, parameter_table
 from opencv_tools.nodes.settings import NodeSettings, read_start
+from opencv_tools.topics.errors import ParameterError
 from opencv_tools.transport.fastdds.profile import ENVIRONMENT_HELP
 from rclpy.utilities import remove_ros_args
 
@@ -54,8 +56,12 @@ class Executable:
 
         :param args: command line, program name first.
         :returns: sentences about ROS arguments that have no effect.
-        :raises ParameterError: a ROS argument is certainly a mistake.
+        :raises ParameterError: a ROS argument is certainly a mistake, or a variable of ROS cannot
+            be used.
         """
+        unusable = explain_variables()
+        if unusable:
+            raise ParameterError(unusable)
         if self.settings is None:
             return []
         table = parameter_table(self.settings)

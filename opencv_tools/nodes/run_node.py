@@ -32,7 +32,6 @@ from types import FrameType
 from typing import Any
 
 from opencv_tools.base.logs import Log
-from opencv_tools.base.remedies import explain_variables
 from opencv_tools.base.signals import handle_signals, ignore_signals
 from opencv_tools.base.standard_streams import discard_broken_streams, open_standard_streams
 from opencv_tools.nodes.executable import Executable
@@ -286,9 +285,6 @@ def _start(
 ) -> ClosableNode:
     """Check the arguments, initialise rclpy and create the node; parameters as for ``run``."""
     log = Log(get_logger(executable.name))
-    unusable = explain_variables()
-    if unusable:
-        raise ParameterError(unusable)
     mistakes = executable.check_arguments(args)
     log_warning = replace_log_folder()
     if log_warning:

@@ -17,25 +17,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence, Set
-from contextlib import suppress
 from functools import partial
-from threading import current_thread, Lock, RLock, Thread
+from threading import current_thread, Lock, Thread
 import time
 from typing import NamedTuple
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.errors import CdrError
 from opencv_tools.image.topic_names import camera_info_topic, camera_info_topics
+from opencv_tools.topics.consumer import Consumer
 from opencv_tools.topics.events import destroyable
-from opencv_tools.topics.executor import FrameExecutor
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions
-from opencv_tools.topics.queue import FrameQueue, QueuedFrame, ReceivedMessage
+from opencv_tools.topics.queue import FrameQueue, ReceivedMessage
 from opencv_tools.topics.rate_meter import RateMeter
 from opencv_tools.topics.shared_frames import FrameSources
 from opencv_tools.topics.timers import create_steady_timer
 from opencv_tools.topics.topic_discovery import TopicDiscovery
-from rclpy.exceptions import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.subscription import Subscription
@@ -45,97 +43,6 @@ from sensor_msgs.msg import CameraInfo
 # Successive checks with frames of several publishers. A publisher that starts again overlaps with
 # its former one for one check.
 _CHECKS = 2
-
-
-class Consumer:
-    """Call the callbacks of a subscription with the frames of its queue, one call at a time."""
-
-    def __init__(
-        self, node: Node, queue: FrameQueue, on_frame: Callable[[ReceivedMessage], object],
-        on_broken: Callable[[CdrError], object],
-    ) -> None:
-        """
-        Create a consumer in the executor.
-
-        :param node: node whose timers are not delayed by frames that wait.
-        :param on_frame: called with each frame.
-        :param on_broken: called with the error of a message that cannot be read.
-        """
-        self._node = node
-        self._queue = queue
-        self._on_frame = on_frame
-        self._on_broken = on_broken
-        self._error: BaseException | None = None  # raised by a callback in its thread
-        self._has_yielded = False
-        #: Held during each call. A callback may take it again.
-        self.calling = RLock()
-        self._thread: Thread | None = None
-
-    @property
-    def has_thread(self) -> bool:
-        """Whether a thread calls the callbacks."""
-        return self._thread is not None
-
-    @property
-    def is_current_thread(self) -> bool:
-        """Whether the caller is in a callback of the thread."""
-        return self._thread is current_thread()
-
-    def start_thread(self, name: str, on_end: Callable[[bool], object]) -> None:
-        """
-        Pass on the frames in a thread, until the queue is closed or a callback fails.
-
-        :param on_end: called in the thread at its end; True if a callback has failed.
-        """
-        def run() -> None:
-            try:
-                while frame := self._queue.wait():
-                    self.pass_on(frame)
-                    del frame  # release the message before the next wait
-            except BaseException as err:  # noqa: B902 (`raise_error` raises it)
-                self._error = err
-                on_end(True)
-            else:
-                on_end(False)
-
-        self._thread = Thread(target=run, name=name, daemon=True)
-        self._thread.start()
-
-    def next_in_executor(self) -> QueuedFrame | None:
-        """Return the oldest frame; None if it has to wait."""
-        return None if self._yields_to_timers() else self._queue.pop()
-
-    def pass_on(self, frame: QueuedFrame) -> None:
-        """Call the callback of a frame."""
-        with self.calling:
-            if isinstance(frame, CdrError):
-                self._on_broken(frame)
-            else:
-                self._on_frame(frame)
-
-    def raise_error(self) -> None:
-        """Raise the exception that has ended the thread, once."""
-        error, self._error = self._error, None
-        if error is not None:
-            raise error
-
-    def join(self) -> None:
-        """Wait for the end of a running call, and of the thread."""
-        with self.calling:
-            pass
-        if self._thread:
-            self._thread.join()
-
-    def _yields_to_timers(self) -> bool:
-        """
-        Return whether the next frame waits once for timers that are due.
-
-        The executor runs waitables first, so that a slow callback would delay them twice.
-        """
-        with suppress(InvalidHandle):  # a timer that another thread destroys
-            self._has_yielded = not self._has_yielded and self._queue.has_frames and any(
-                timer.is_ready() for timer in self._node.timers)
-        return self._has_yielded
 
 
 class MixedPublishers:
@@ -321,7 +228,8 @@ class FrameSubscription:
         """
         self._node = node
         self._queue = FrameQueue(options.capacity, with_info=options.camera_info)
-        self._consumer = Consumer(node, self._queue, on_frame, on_broken)
+        self._consumer = Consumer(
+            node, self._queue, on_frame, on_broken, lambda: self._wake_ups.wake())
         discovery = TopicDiscovery(node, topic, options.transport,
                                    prefers_compressed=options.prefers_compressed)
         self._no_frames_warning = NoFramesWarning(log, self.explain_no_frames)
@@ -333,7 +241,7 @@ class FrameSubscription:
         self._wake_ups = WakeUps(
             node, self._wake, lambda: not options.threaded and self._queue.has_frames)
         self._sources = FrameSources(
-            discovery, self._queue, options, log, self._wake_ups, self._wake_for_frame)
+            discovery, self._queue, options, log, self._wake_ups, self._consumer.wake)
         self._polled_at = time.monotonic()
         self._is_threaded = options.threaded
         self._infos = InfoReader(node, discovery.resolved, self._queue, self._wake_ups) if (
@@ -468,25 +376,6 @@ class FrameSubscription:
                 frame = self._consumer.next_in_executor()
                 if frame:
                     self._consumer.pass_on(frame)
-
-    def _wake_for_frame(self) -> None:
-        """Have a frame passed on that another thread has put into the queue."""
-        executor = self._node.executor
-        if self._is_threaded:
-            return
-        if isinstance(executor, FrameExecutor):
-            executor.call_soon(self._pass_on)
-        else:
-            self._wake_ups.wake()
-
-    def _pass_on(self) -> None:
-        """Pass on a frame in the executor; those that follow it come after other callbacks."""
-        with self._consumer.calling:
-            frame = self._queue.pop()
-            if frame:
-                self._consumer.pass_on(frame)
-        if self._queue.has_frames:
-            self._wake_for_frame()
 
     def _poll_graph(self) -> None:
         """Adapt to the publishers, and warn if no frames arrive."""
