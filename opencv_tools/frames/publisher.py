@@ -178,7 +178,8 @@ class FramePublisher:
         if slot and self._topics.has_other_subscribers:
             slot = None  # another thread may get the memory before the image is compressed
         is_sent = self._topics.publish_raw(
-            lambda _: (array_to_wire(image, encoding, header), slot)) is not None
+            lambda _: (array_to_wire(image, encoding, header, slot.data if slot else None), slot),
+        ) is not None
         # The image is on its way. A lent one is not read any more.
         if compressed.is_due(why_not_compressed(
                 encoding, image.shape[1], encoding.height(image.shape[0]),

@@ -109,6 +109,7 @@ def _view_bytes(data: Any) -> NDArray[np.uint8]:
 
 def array_to_wire(
     image: NDArray[Any], encoding: Encoding, header: WireHeader = NO_HEADER,
+    data: NDArray[np.uint8] | None = None,
 ) -> WireImage:
     """
     Convert an array to the fields of an image message, without a copy.
@@ -116,6 +117,7 @@ def array_to_wire(
     :param image: (h, w) or (h, w, c) array of any strides and byte order; copied only if it is
         not contiguous. Separate chroma rows (``nv12``) follow the luma rows.
     :param encoding: encoding of the array, as ``declared_encoding`` returns it.
+    :param data: (n,) array of the memory of a contiguous image, if there is one.
     :returns: the message, without padding at the end of rows; its data are a view of the array.
     """
     rows, width = image.shape[:2]
@@ -124,4 +126,4 @@ def array_to_wire(
         header=header, height=encoding.height(rows), width=width, encoding=encoding.name,
         is_bigendian=order == '>' or (order == '=' and sys.byteorder == 'big'),
         step=width * encoding.pixel_bytes,
-        data=np.ascontiguousarray(image).reshape(-1).view(np.uint8).data)
+        data=np.ascontiguousarray(image).reshape(-1).view(np.uint8).data if data is None else data)
