@@ -90,6 +90,13 @@ def test_token_that_is_typed(
     front.show(page, 1)
 
 
+def test_margins_of_the_token_form_on_a_phone(
+        start_viewer: Callable[..., Viewer], browser: Browser) -> None:
+    page = browser.new_page(start_viewer(token=TOKEN).url.partition('?')[0], 390, 844)
+    form = 'document.getElementById("token").getBoundingClientRect()'
+    assert page.evaluate(f'Math.min({form}.left, innerWidth - {form}.right)') >= 8
+
+
 @pytest.mark.parametrize('token', [TOKEN, 'auto'])
 def test_copied_link(token: str, start_viewer: Callable[..., Viewer], browser: Browser) -> None:
     viewer = start_viewer(token=token)

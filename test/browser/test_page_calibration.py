@@ -109,6 +109,13 @@ def find_bent_board(node: Node, least: float) -> list[Detection]:
 COUNT = 'document.querySelectorAll("#list li").length'
 
 
+def test_margins_of_the_texts_on_a_phone(page: Page) -> None:
+    page.resize(390, 844)
+    for name in ('hint', 'capture', 'grid', 'panel'):
+        edges = f'document.getElementById("{name}").getBoundingClientRect()'
+        assert page.evaluate(f'Math.min({edges}.left, innerWidth - {edges}.right)') >= 8, name
+
+
 def test_whole_calibration(page: Page, truth: Camera, node: Node) -> None:
     page.wait_for(f'{text_of("hint")} === "Choose the board."')
     choose(page, BOARD)
