@@ -117,8 +117,9 @@ docs:
 	$(call build_docs,env PYTHONPATH="$(CURDIR):$$PYTHONPATH",)
 
 pictures:
-	@PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" \
-	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 docs/take_pictures.py
+	@for name in pictures sheets; do \
+	  PATH="$(CURDIR)/install/opencv_tools/lib/opencv_tools:$$PATH" \
+	  PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 docs/take_$$name.py || exit; done
 
 lint:
 	@PYTHONPATH="$(CURDIR):$$PYTHONPATH" python3 -m pytest --quiet -m linter test/package
@@ -175,6 +176,7 @@ docs: .venv/docs
 
 pictures: .venv/dev
 	@$(call in_venv,.venv) python docs/take_pictures.py
+	@$(call in_venv,.venv) python docs/take_sheets.py
 
 lint: .venv/dev
 	@$(call in_venv,.venv) python -m pytest --quiet -m linter test/package

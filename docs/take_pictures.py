@@ -20,7 +20,7 @@ of a floor with a ball.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -87,9 +87,11 @@ def depth_image(width: int = 640, height: int = 360) -> np.ndarray:
     return depth.astype(np.uint16)
 
 
-def publish_cameras(node: Node) -> Callable[[float], None]:
-    """Return a function that publishes all cameras for some seconds."""
-    frames, bridge = read_frames(), CvBridge()
+def publish_cameras(
+    node: Node, frames: Sequence[np.ndarray] = (),
+) -> Callable[[float], None]:
+    """Return a function that publishes frames, or those of the clip, for some seconds."""
+    frames, bridge = frames or read_frames(), CvBridge()
     publishers = {name: node.create_publisher(Image, name, 10) for name in (*CAMERAS, DEPTH)}
     count = 0
 
@@ -135,8 +137,9 @@ def publish_scene(node: Node) -> Callable[[float], None]:
     return publish
 
 
-def take_calibration(browser: Browser) -> None:
-    """Write a picture of a calibration whose views are there."""
+@contextmanager
+def calibrating(browser: Browser) -> Iterator[Page]:
+    """Yield the page of a calibration whose views are there."""
     with tempfile.TemporaryDirectory() as folder, viewing('control:=true') as url:
         held_board(Path(folder) / 'board', VIEWS)
         former = write_former(Path(folder) / 'former.yaml', 400.0)
@@ -154,19 +157,19 @@ def take_calibration(browser: Browser) -> None:
                           f'field.value = {BOARD!r}; field.dispatchEvent(new Event("input")); }}')
             page.press('Enter')
             page.wait_for('document.querySelectorAll("#list li").length >= 8')
-            page.screenshot(IMAGES / 'calibrate.jpg')
-            print('docs/images/calibrate.jpg')
+            yield page
         finally:
             camera.terminate()
             camera.wait()
 
 
 @contextmanager
-def viewing(*parameters: str) -> Iterator[str]:
-    """Start a viewer, and yield the address of its pages."""
+def viewing(*parameters: str, folder: str | None = None) -> Iterator[str]:
+    """Start a viewer, in a folder if one is given, and yield the address of its pages."""
     with tempfile.TemporaryFile('w+') as log:
         viewer = subprocess.Popen(['img_viewer', '--ros-args', *(
-            word for one in ('port:=0', *parameters) for word in ('-p', one))], stderr=log)
+            word for one in ('port:=0', *parameters) for word in ('-p', one))],
+            stderr=log, cwd=folder)
         try:
             found = None
             while not found:
@@ -213,7 +216,9 @@ def main() -> int:
                 page.prefer('dark' if name == 'viewer_dark.jpg' else 'light')
                 take(page, publish, IMAGES / name, script)
                 page.close()
-            take_calibration(browser)
+            with calibrating(browser) as page:
+                page.screenshot(IMAGES / 'calibrate.jpg')
+                print('docs/images/calibrate.jpg')
     finally:
         rclpy.shutdown()
     return 0

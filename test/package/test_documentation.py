@@ -246,6 +246,19 @@ def test_links() -> None:
             if not leads_somewhere(page, link)] == []
 
 
+def test_pictures_of_the_viewer_have_a_script() -> None:
+    files = {path.name for path in (ROOT / 'docs' / 'images').iterdir()}
+    named = {Path(link).name for page in PAGES for link in read_links(page) if 'images/' in link}
+    assert named == files
+    pictures, sheets = ((ROOT / 'docs' / f'take_{name}.py').read_text()
+                        for name in ('pictures', 'sheets'))
+    taken = {*re.findall(r"'(\w+)\.jpg'", pictures),
+             *(f'pages_{name}' for name in re.findall(r"(?:name=|write_sheet\()'(\w+)'", sheets))}
+    assert len(taken) > 15
+    assert taken == {Path(name).stem for name in files
+                     if name.startswith(('calibrate', 'pages_', 'viewer'))}
+
+
 def leads_somewhere(page: Path, link: str) -> bool:
     """Return whether a link of a page has a target: a URL, or a file and a heading in it."""
     if re.match(r'\w+:', link):
