@@ -33,7 +33,8 @@ class FrameExecutor(SingleThreadedExecutor):
     rclpy builds a wait set of all entities of the node each time it waits, which takes longer than
     all else of a shared frame. From the first ``call_soon`` on another thread waits, and builds it
     only for what the middleware has; meanwhile the thread that spins runs what ``call_soon`` was
-    given. What the middleware has comes first, so that frames do not delay timers and services.
+    given. Between two of these calls all that the middleware has ready is run, so that slow frames
+    do not delay timers and services.
     """
 
     def __init__(self, context: Context) -> None:
@@ -42,6 +43,7 @@ class FrameExecutor(SingleThreadedExecutor):
         self._changed = Condition()
         self._calls: dict[Callable[[], object], None] = {}  # oldest first
         self._task: Task | None = None  # what is ready in the middleware
+        self._has_more = False  # more may be ready, until rclpy gathers what it waits for next
         self._error: BaseException | None = None
         self._waiting: Thread | None = None
         self._spinning = 0  # the thread that runs what is ready, while it does
@@ -77,7 +79,8 @@ class FrameExecutor(SingleThreadedExecutor):
                 self._waiting = Thread(target=self._wait, name='executor', daemon=True)
                 self._waiting.start()
             if not self._changed.wait_for(
-                    lambda: self._task or self._calls or self._error, timeout_sec):
+                    lambda: self._task or self._error or (self._calls and not self._has_more),
+                    timeout_sec):
                 return
             if self._error:
                 error, self._error, self._waiting = self._error, None, None
@@ -87,6 +90,14 @@ class FrameExecutor(SingleThreadedExecutor):
                 call = next(iter(self._calls))
                 del self._calls[call]
         call()
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether to wait for an entity; rclpy asks it when nothing more is ready."""
+        if self._has_more:
+            with self._changed:
+                self._has_more = False
+                self._changed.notify_all()
+        return bool(super().can_execute(entity))
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
         """
@@ -100,9 +111,10 @@ class FrameExecutor(SingleThreadedExecutor):
         if self._waiting:
             self.wake()
             self._waiting.join()
-            self._waiting = None
-        if self._task and not self._spinning:  # nobody will run it
-            self._task.cancel()
+            self._waiting, self._has_more = None, False
+        for task, _, _ in self._tasks:
+            if not task.executing():  # nobody will run it
+                task.cancel()
         return bool(super().shutdown(timeout_sec))
 
     def _run_task(self) -> None:
@@ -128,9 +140,9 @@ class FrameExecutor(SingleThreadedExecutor):
         """Wait for the middleware, until the end of the executor."""
         try:
             while True:
-                task, _, _ = self.wait_for_ready_callbacks()
+                ready: Any = self.wait_for_ready_callbacks()  # task, entity, node
                 with self._changed:
-                    self._task = task
+                    self._task, self._has_more = ready[0], ready[1] is not None
                     self._changed.notify_all()
                     self._changed.wait_for(lambda: not self._task or self._is_shutdown)
         except ShutdownException:

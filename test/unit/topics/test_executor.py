@@ -130,6 +130,31 @@ def test_callback_of_the_middleware_comes_before_calls(
     assert called == [0, 1, 1]
 
 
+def test_all_that_is_ready_in_the_middleware_comes_before_the_next_call(node: Node) -> None:
+    called: list[str] = []
+    ready = [Counted(node, partial(called.append, name)) for name in ('first', 'second')]
+    executor = FrameExecutor(node.context)
+    executor.add_node(node)
+
+    def call_again() -> None:
+        called.append('call')
+        executor.call_soon(call_again)
+
+    for wake_ups in ready:
+        wake_ups.start()
+        wake_ups.wake()
+    executor.call_soon(call_again)
+    executor._waiting = Thread(target=executor._wait)
+    executor._waiting.start()
+    wait_until(lambda: executor._task is not None)
+    for _ in range(4):
+        executor.spin_once()
+    executor.shutdown()
+    for wake_ups in ready:
+        wake_ups.destroy()
+    assert called == ['first', 'second', 'call', 'call']
+
+
 def test_timer_that_a_call_creates_is_waited_for(
     executor: FrameExecutor, node: Node, wake_ups: Counted,
 ) -> None:
@@ -185,18 +210,22 @@ def test_executor_ends_its_thread(node: Node, where: str) -> None:
         executor.shutdown()
         ended.set()
 
-    wake_ups = Counted(node, end)
+    wake_ups, other = Counted(node, end), Counted(node)
     wake_ups.start()
+    other.start()
     if where == 'before':
         end()
     elif where == 'waiting':
         wait_until(lambda: wake_ups.built > 0)
         end()
     elif where == 'ready':
-        wake_ups.wake()
-        task = wait_until(lambda: executor._task)
+        for waitable in (wake_ups, other):
+            waitable.wake()
+        wait_until(lambda: executor._task)
         end()
-        assert task.cancelled()
+        assert executor._tasks
+        assert all(task.cancelled() for task, _, _ in executor._tasks)
+        assert not executor._has_more
     elif where == 'call':
         executor.call_soon(end)
         executor.spin_once()
@@ -206,6 +235,7 @@ def test_executor_ends_its_thread(node: Node, where: str) -> None:
     assert ended.is_set()
     assert executor._waiting is None
     wake_ups.destroy()
+    other.destroy()
 
 
 @pytest.mark.parametrize('way', ['create_task', 'call_soon'])
