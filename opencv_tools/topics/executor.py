@@ -82,11 +82,13 @@ class FrameExecutor(SingleThreadedExecutor):
                     lambda: self._task or self._error or (self._calls and not self._has_more),
                     timeout_sec):
                 return
-            if self._error:
-                error, self._error, self._waiting = self._error, None, None
-                raise error
+            failed = self._error is not None
+            if failed:  # also by an entity that a callback of this thread has destroyed meanwhile
+                self._error = self._waiting = None
             call: Callable[[], object] = self._run_task
-            if not self._task:
+            if failed:
+                call = partial(self._run, partial(super().spin_once, 0))  # raises what remains
+            elif not self._task:
                 call = next(iter(self._calls))
                 del self._calls[call]
         call()

@@ -190,6 +190,17 @@ def test_exception_is_raised_where_the_executor_spins_and_it_goes_on(
         executor.spin_once()
 
 
+def test_entity_that_is_destroyed_meanwhile_ends_nothing(
+    executor: FrameExecutor, node: Node,
+) -> None:
+    executor._error = LookupError('of an entity that is gone')
+    called: list[int] = []
+    executor.call_soon(bool)
+    create_steady_timer(node, 0.001, lambda: called.append(1))
+    while not called:
+        executor.spin_once()
+
+
 def test_spinning_ends_after_its_time(executor: FrameExecutor) -> None:
     begin = time.monotonic()
     executor.spin_once(timeout_sec=0.2)
