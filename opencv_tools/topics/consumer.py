@@ -52,11 +52,17 @@ class Consumer:
         #: Held during each call. A callback may take it again.
         self.calling = RLock()
         self._thread: Thread | None = None
+        self._has_call = False  # the executor will call _pass_on_next
 
     @property
     def has_thread(self) -> bool:
         """Whether a thread calls the callbacks."""
         return self._thread is not None
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether frames wait for the executor that it does not know of."""
+        return not (self._thread or self._has_call) and self._queue.has_frames
 
     @property
     def is_current_thread(self) -> bool:
@@ -87,6 +93,7 @@ class Consumer:
         """Have a frame passed on that another thread has put into the queue."""
         executor = None if self.has_thread else self._node.executor
         if isinstance(executor, FrameExecutor):
+            self._has_call = True
             executor.call_soon(self._pass_on_next)
         elif not self.has_thread:
             self._wake()
@@ -118,6 +125,7 @@ class Consumer:
 
     def _pass_on_next(self) -> None:
         """Pass on a frame in the executor; those that follow it come after other callbacks."""
+        self._has_call = False
         with self.calling:
             frame = self._queue.pop()
             if frame:

@@ -89,8 +89,7 @@ class FrameExecutor(SingleThreadedExecutor):
             if failed:
                 call = partial(self._run, partial(super().spin_once, 0))  # raises what remains
             elif not self._task:
-                call = next(iter(self._calls))
-                del self._calls[call]
+                call = partial(self._call, next(iter(self._calls)))
         call()
 
     def can_execute(self, entity: Any) -> bool:
@@ -118,6 +117,15 @@ class FrameExecutor(SingleThreadedExecutor):
             if not task.executing():  # nobody will run it
                 task.cancel()
         return bool(super().shutdown(timeout_sec))
+
+    def _call(self, call: Callable[[], object]) -> None:
+        """Call a function; if others wait, what is ready by then comes before them."""
+        del self._calls[call]
+        call()
+        with self._changed:
+            self._has_more |= bool(self._calls)
+        if self._has_more:
+            self.wake()
 
     def _run_task(self) -> None:
         """Run what is ready in the middleware, and have the other thread wait for more."""

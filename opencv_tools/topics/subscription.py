@@ -239,7 +239,7 @@ class FrameSubscription:
         self._destroyer: Thread | None = None  # that has begun the end
         self._changing = Lock()  # one thread at a time changes the sources
         self._wake_ups = WakeUps(
-            node, self._wake, lambda: not options.threaded and self._queue.has_frames)
+            node, self._wake, lambda: self._consumer.is_pending)
         self._sources = FrameSources(
             discovery, self._queue, options, log, self._wake_ups, self._consumer.wake)
         self._polled_at = time.monotonic()
@@ -371,7 +371,7 @@ class FrameSubscription:
             is_full = not self._consumer.has_thread and self._queue.is_full
             if self._sources.receive(ready, is_full, have_publishers_changed):
                 self._no_frames_warning.reset()
-        if not self._consumer.has_thread:
+        if self._consumer.is_pending:
             with self._consumer.calling:
                 frame = self._consumer.next_in_executor()
                 if frame:

@@ -14,7 +14,7 @@
 
 // The nodes and topics of the graph, in three columns.
 
-import { make, part } from './page.js';
+import { make, part, showName } from './page.js';
 
 const REFRESH_MS = 2000;
 let graph = { topics: [] };
@@ -26,7 +26,9 @@ const imageOf = (name) => [name, name.replace(/\/[^/]*$/, '')].find((one) => ima
 /** Return the box of a node or a topic in a column, and create it at the first time. */
 function box(column, boxes, name, types = '') {
   const image = types && imageOf(name);
-  const element = make(image ? 'a' : 'div', { className: 'item' }, name, make('small', {}, types));
+  const element = make(image ? 'a' : 'div', { className: 'item' });
+  showName(element, name);
+  element.append(make('small', {}, types));
   if (image) element.href = `/?topic=${encodeURIComponent(image)}`;
   if (!boxes.has(name)) {
     boxes.set(name, element);
