@@ -20,7 +20,6 @@ from collections.abc import Callable
 import itertools
 from pathlib import Path
 import re
-import time
 from typing import Any
 from urllib.parse import quote
 
@@ -38,7 +37,7 @@ from rclpy.qos import qos_profile_sensor_data
 from rendered_boards import Camera
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from shown_boards import bend, BOARD, held_board, known_bend, RATE, write_former
-from waiting import wait_until
+from waiting import pause, wait_until
 
 pytest_plugins = ['pages']
 
@@ -205,7 +204,7 @@ def test_corners_of_the_picture_that_is_shown(
         message = convert(moved_board(next(numbers)))
         message.header.stamp = node.get_clock().now().to_msg()
         publisher.publish(message)
-        time.sleep(1 / 25)
+        pause(1 / 25)
 
     viewer = start_viewer(token=TOKEN, control=True)
     page = browser.new_page(f'{viewer.url.replace("?", "calibrate?")}&topic={TOPIC}')

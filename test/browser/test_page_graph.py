@@ -28,7 +28,7 @@ from test_page_layout import check_layout, LATCHED
 pytest_plugins = ['pages']
 
 ITEMS = ('(column) => [...document.querySelectorAll(`#${column} .item`)].map('
-         '(one) => one.firstChild.data)')
+         '(one) => one.title)')
 
 
 def test_nodes_and_topics(viewer: Viewer, browser: Browser, camera: Node) -> None:
