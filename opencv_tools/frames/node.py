@@ -176,7 +176,7 @@ def main(
         configured before, so the process must not have created a node.
     :param args: command line, program name first; None for that of the process.
     :param frame_size: width and height in pixels of the largest published frame, for which shared
-        memory is reserved.
+        memory is reserved; (0, 0) for a node that publishes no frames.
     :param priority: real-time priority of the executor and of the threads that receive, from 1 to
         99; 0 for normal scheduling. Without the permission a warning has the remedy.
     :returns: the exit status: 0, or the result of ``done``; 2 for invalid ROS arguments.

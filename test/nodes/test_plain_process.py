@@ -65,3 +65,30 @@ def test_process_of_a_plain_node(module: str, size: int) -> None:
     assert kept < size / 2
     assert segment < 1_000_000
     assert (scheduler, environment) == (0, {})
+
+
+_OWN_NODE = """
+import os, sys
+from opencv_tools.frames import FrameNode, main
+
+class Receiving(FrameNode):
+    def __init__(self):
+        super().__init__('receiving')
+        print(max(os.stat(line.split()[-1]).st_size for line in open('/proc/self/maps')
+                  if '/dev/shm/fast' in line and 'port' not in line))
+        self.done.set_result(0)
+
+sys.exit(main(Receiving, ['node'], frame_size=({width}, {height})))
+"""
+
+
+@pytest.mark.process
+@pytest.mark.usefixtures('domain')
+@pytest.mark.parametrize(('width', 'height', 'low', 'high'), [
+    (0, 0, 0.5, 1.1), (640, 480, 16, 18), (1920, 1080, 48, 54), (3001, 2001, 137, 155)])
+def test_reserved_memory_of_an_own_node(width: int, height: int, low: float, high: float) -> None:
+    """The size of the published frames decides, also that of no frames."""
+    finished = subprocess.run(
+        [sys.executable, '-c', _OWN_NODE.format(width=width, height=height)], capture_output=True,
+        text=True, timeout=LONGEST_SECONDS, check=True)
+    assert low < int(finished.stdout) / 1e6 < high
