@@ -533,7 +533,8 @@ def test_first_pause_of_video_has_its_frames(
     page.wait_for(f'numberOf({TOPIC!r}) === 10')
     for _ in range(40):
         page.press(',')
-    page.wait_for(f'{TEXT}.endsWith("the first one")')
+    # The page may have come after the key frame of an earlier packet with the number 0.
+    page.wait_for(f'/(the first one|before this page looked)$/.test({TEXT})')
     assert page.evaluate(f'numberOf({TOPIC!r})') == 0
     page.press(' ')
     page.wait_for(f'{STATE} === "Live"')
