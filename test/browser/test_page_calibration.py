@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import itertools
 from pathlib import Path
 import re
@@ -285,4 +286,28 @@ def test_layout(page: Page, width: int, height: int) -> None:
     assert page.evaluate('[...document.querySelectorAll("button, a[href], input, select")].every('
                          '(one) => one.textContent.trim() || one.labels?.length '
                          '|| one.getAttribute("aria-label"))')
+    assert page.complaints() == []
+
+
+@pytest.mark.parametrize('stamped', [True, False])
+def test_corners_go_with_the_board(
+        start_viewer: Callable[..., Viewer], browser: Browser, node: Node, stamped: bool) -> None:
+    publisher = node.create_publisher(Image, TOPIC, 10)
+    blank = np.full(MOVED_SIZE[::-1], 110, np.uint8)
+
+    def publish(image: np.ndarray) -> None:
+        message = CvBridge().cv2_to_imgmsg(image, 'mono8')
+        if stamped:
+            message.header.stamp = node.get_clock().now().to_msg()
+        publisher.publish(message)
+        pause(1 / 25)
+
+    viewer = start_viewer(token=TOKEN, control=True)
+    page = browser.new_page(f'{viewer.url.replace("?", "calibrate?")}&topic={TOPIC}')
+    choose(page, MOVED_BOARD)
+    corners = 'Number(document.querySelector("[data-corners]")?.dataset.corners ?? 0)'
+    for image, count in ((moved_board(3), 35), (blank, 0), (moved_board(9), 35)):
+        wait_until(lambda: page.evaluate(corners) == count,  # noqa: B023
+                   f'{count} corners', partial(publish, image),
+                   drawn=lambda: page.evaluate('drawn.length'))
     assert page.complaints() == []
