@@ -66,7 +66,7 @@ def view_pixels(
     return lines.view(dtype).reshape(shape)
 
 
-@lru_cache(64)  # the same for most images of a topic
+@lru_cache(64, typed=True)  # the same for most images of a topic
 def _layout(
     height: int, width: int, step: int, encoding: Encoding, is_bigendian: bool,
 ) -> tuple[int, np.dtype[Any], tuple[int, ...]]:
