@@ -151,8 +151,10 @@ class BoardSearch:
         self._watching = asyncio.ensure_future(self._watch())
 
     def close(self) -> None:
-        """Search no more."""
+        """Search no more, and leave the frames of the stream to its pages."""
         self._watching.cancel()
+        feed = self._stream.feed
+        self._stream.searched = lambda: feed.newest
 
     async def _watch(self) -> None:
         """Search each new image, but no faster than the period."""

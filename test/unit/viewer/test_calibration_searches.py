@@ -155,6 +155,10 @@ def test_pages_wait_for_quick_searches_only(
             found = stream.searched()
             assert found and found.number == 2
             search_of_stream.close()
+            stream.feed.put(ReceivedMessage(
+                wire(np.full((90, 120), 90, np.uint8), 'mono8'), 0, number=3))
+            found = stream.searched()
+            assert found and found.number == 3
 
     asyncio.run(work())
     assert seen == ['0/1', '0/2']
