@@ -91,15 +91,21 @@ class Consumer:
 
     def wake(self) -> None:
         """Have a frame passed on that another thread has put into the queue."""
-        executor = None if self.has_thread else self._node.executor
+        if self._thread:  # waits for the queue
+            return
+        executor = self._node.executor
         if isinstance(executor, FrameExecutor):
             self._has_call = True
             executor.call_soon(self._pass_on_next)
-        elif not self.has_thread:
+        else:
             self._wake()
 
     def next_in_executor(self) -> QueuedFrame | None:
-        """Return the oldest frame; None if it has to wait."""
+        """Return the oldest frame; None if it has to wait for other callbacks."""
+        executor = self._node.executor
+        if isinstance(executor, FrameExecutor) and executor.has_thread:
+            self.wake()  # the executor knows of it from now on
+            return None
         return None if self._yields_to_timers() else self._queue.pop()
 
     def pass_on(self, frame: QueuedFrame) -> None:

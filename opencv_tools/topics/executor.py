@@ -43,7 +43,7 @@ class FrameExecutor(SingleThreadedExecutor):
         self._changed = Condition()
         self._calls: dict[Callable[[], object], None] = {}  # oldest first
         self._task: Task | None = None  # what is ready in the middleware
-        self._has_more = False  # more may be ready, until rclpy gathers what it waits for next
+        self._has_more = False  # what is ready comes before the next call
         self._error: BaseException | None = None
         self._waiting: Thread | None = None
         self._spinning = 0  # the thread that runs what is ready, while it does
@@ -53,13 +53,18 @@ class FrameExecutor(SingleThreadedExecutor):
         trigger = guard.trigger
         guard.trigger = lambda: None if get_ident() == self._spinning else trigger()
 
+    @property
+    def has_thread(self) -> bool:
+        """Whether another thread waits for the middleware."""
+        return self._waiting is not None
+
     def call_soon(self, call: Callable[[], object]) -> None:
         """Have a function called in the thread that spins, once if it waits already."""
         with self._changed:
+            ends_wait = bool(self._spinning) and self._waiting is None and not self._calls
             self._calls[call] = None
             self._changed.notify_all()
-            waits_itself = bool(self._spinning) and self._waiting is None
-        if waits_itself:
+        if ends_wait:
             self.create_task(bool)  # ends the wait of rclpy
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
@@ -76,6 +81,7 @@ class FrameExecutor(SingleThreadedExecutor):
             return
         with self._changed:
             if self._waiting is None:
+                self._gather()
                 self._waiting = Thread(target=self._wait, name='executor', daemon=True)
                 self._waiting.start()
             if not self._changed.wait_for(
@@ -96,8 +102,11 @@ class FrameExecutor(SingleThreadedExecutor):
         """Return whether to wait for an entity; rclpy asks it when nothing more is ready."""
         if self._has_more:
             with self._changed:
-                self._has_more = False
-                self._changed.notify_all()
+                if self._guard._executor_triggered:
+                    self._has_more = False
+                    self._changed.notify_all()
+                else:
+                    self.wake()  # Fast DDS loses a wake-up at the end of a wait
         return bool(super().can_execute(entity))
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
@@ -123,9 +132,8 @@ class FrameExecutor(SingleThreadedExecutor):
         del self._calls[call]
         call()
         with self._changed:
-            self._has_more |= bool(self._calls)
-        if self._has_more:
-            self.wake()
+            if self._calls or self._task or self._has_more:  # gathered before the call
+                self._gather()
 
     def _run_task(self) -> None:
         """Run what is ready in the middleware, and have the other thread wait for more."""
@@ -152,7 +160,8 @@ class FrameExecutor(SingleThreadedExecutor):
             while True:
                 ready: Any = self.wait_for_ready_callbacks()  # task, entity, node
                 with self._changed:
-                    self._task, self._has_more = ready[0], ready[1] is not None
+                    self._task = ready[0]
+                    self._has_more |= ready[1] is not None
                     self._changed.notify_all()
                     self._changed.wait_for(lambda: not self._task or self._is_shutdown)
         except ShutdownException:
@@ -161,3 +170,9 @@ class FrameExecutor(SingleThreadedExecutor):
             with self._changed:
                 self._error = err
                 self._changed.notify_all()
+
+    def _gather(self) -> None:
+        """Have all run that is ready now before the next call."""
+        self._has_more = True
+        self._guard._executor_triggered = False  # rclpy sets it when it gathers after the wake-up
+        self.wake()

@@ -26,7 +26,8 @@ from opencv_tools.topics.message_reader import WakeUps
 from opencv_tools.topics.timers import create_steady_timer
 import pytest
 from rclpy.node import Node
-from waiting import wait_until
+from rclpy.task import Future
+from waiting import pause, wait_until
 
 #: Most wait sets before the first callback: the node and the waitable were added.
 AT_START = 3
@@ -172,6 +173,59 @@ def test_what_becomes_ready_in_a_call_comes_before_the_next_call(
         executor.spin_once()
     # A wait that began before may have missed one.
     assert max(number - seen for number, seen in enumerate(called)) <= 1
+
+
+@pytest.mark.parametrize('count', [1, 7, 40])
+def test_timer_that_is_due_comes_before_the_next_call(
+    executor: FrameExecutor, node: Node, count: int,
+) -> None:
+    called: list[str] = []
+
+    def call_slowly() -> None:
+        called.append('call')
+        executor.call_soon(call_slowly)
+        wake_ups.wake()  # the middleware has something before the timer is due
+        pause(0.02)
+
+    def have_called(*_: object) -> None:
+        for _number in range(count):
+            executor.call_soon(call_slowly)
+        pause(0.02)
+
+    wake_ups, first = Counted(node), Counted(node, have_called)
+    for waitable in (wake_ups, first):
+        waitable.start()
+    create_steady_timer(node, 0.01, lambda: called.append('tick'))
+    first.wake()
+    while called.count('call') < 10:
+        executor.spin_once()
+    for waitable in (wake_ups, first):
+        waitable.destroy()
+    assert 'call call' not in ' '.join(called)
+
+
+def test_callback_that_waits_delays_no_call(executor: FrameExecutor, node: Node) -> None:
+    answer = Future()
+    called: list[str] = []
+
+    async def wait_for_answer() -> None:
+        timer.cancel()
+        called.append('waits')
+        called.append(await answer)
+
+    timer = create_steady_timer(node, 0.001, wait_for_answer)
+    while not called:
+        executor.spin_once()
+    for _ in range(10):
+        executor.call_soon(partial(called.append, 'call'))
+        calls = called.count('call')
+        while called.count('call') == calls:
+            executor.spin_once()
+    answer.set_result('answer')
+    executor.wake()  # rclpy asks then whether a callback waits no longer
+    while 'answer' not in called:
+        executor.spin_once()
+    assert called == ['waits', *['call'] * 10, 'answer']
 
 
 def test_timer_that_a_call_creates_is_waited_for(

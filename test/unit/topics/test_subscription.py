@@ -32,6 +32,7 @@ from opencv_tools.image.cdr import (
 from opencv_tools.image.errors import CdrError
 from opencv_tools.topics import (
     message_reader, subscription as module, subscription as subscription_module)
+from opencv_tools.topics.executor import FrameExecutor
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.queue import ReceivedMessage
 from opencv_tools.topics.subscription import FrameSubscription
@@ -856,6 +857,37 @@ def test_every_message_beside_a_timer_that_is_always_due(
         publisher.publish(image(number))
     spin_until(node, lambda: len(received.frames) + subscription.account.skipped == 200)
     assert subscription.account.skipped == 0
+
+
+def test_timer_that_is_due_comes_before_the_next_frame(node: Node, camera: Node) -> None:
+    called: list[str] = []
+    publisher = camera.create_publisher(Image, TOPIC, RELIABLE)
+
+    def work() -> None:
+        called.append('work')
+        publisher.publish(image(len(called)))  # the middleware has it before the timer is due
+        pause(0.02)
+
+    def see(_: ReceivedMessage) -> None:
+        called.append('frame')
+        executor.call_soon(work)
+
+    subscription = FrameSubscription(
+        node, 'video_frames', Log(node.get_logger()), see, called.append,
+        SubscriptionOptions(transport='raw', depth=1))
+    subscription.start()
+    node.create_timer(0.01, lambda: called.append('tick'))
+    executor = FrameExecutor(node.context)
+    executor.add_node(node)
+    while not are_matched(publisher, subscription):
+        executor.spin_once(timeout_sec=0.01)
+    executor.call_soon(work)
+    while called.count('frame') < 20:
+        executor.spin_once()
+    subscription.destroy()
+    executor.remove_node(node)
+    executor.shutdown()
+    assert 'work frame' not in ' '.join(called)
 
 
 def test_destroy_leaves_no_entity(
