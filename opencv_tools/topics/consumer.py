@@ -90,7 +90,7 @@ class Consumer:
         self._thread.start()
 
     def wake(self) -> None:
-        """Have a frame passed on that another thread has put into the queue."""
+        """Have a frame passed on that was put into the queue; thread-safe."""
         if self._thread:  # waits for the queue
             return
         executor = self._node.executor

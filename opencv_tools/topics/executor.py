@@ -99,11 +99,11 @@ class FrameExecutor(SingleThreadedExecutor):
         call()
 
     def can_execute(self, entity: Any) -> bool:
-        """Return whether to wait for an entity; rclpy asks it when nothing more is ready."""
+        """Return whether to wait for an entity; rclpy asks it when all that was ready has run."""
         if self._has_more:
             with self._changed:
                 if self._guard._executor_triggered:
-                    self._has_more = False
+                    self._has_more = False  # calls go on
                     self._changed.notify_all()
                 else:
                     self.wake()  # Fast DDS loses a wake-up at the end of a wait
