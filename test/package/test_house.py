@@ -40,7 +40,7 @@ _GIVES = re.compile(
 BUDGET = {
     '': 977, 'bags': 1364, 'base': 635, 'calibration': 1781, 'capture': 2493, 'convert': 438,
     'datasets': 3149, 'frames': 442, 'image': 1376, 'message_types': 559, 'nodes': 2613,
-    'recording': 2369, 'robot': 6331, 'topics': 2134, 'transport': 1160, 'video': 1009, 'viewer':
+    'recording': 2369, 'robot': 6331, 'topics': 2137, 'transport': 1160, 'video': 1009, 'viewer':
     5471}
 NO_CODE = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
            tokenize.ENDMARKER)

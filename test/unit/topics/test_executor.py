@@ -166,6 +166,7 @@ def test_what_becomes_ready_in_a_call_comes_before_the_next_call(
     def call_again() -> None:
         called.append(wake_ups.calls)
         wake_ups.wake()
+        pause(0.01)
         executor.call_soon(call_again)
 
     executor.call_soon(call_again)
@@ -202,6 +203,21 @@ def test_timer_that_is_due_comes_before_the_next_call(
     for waitable in (wake_ups, first):
         waitable.destroy()
     assert 'call call' not in ' '.join(called)
+
+
+@pytest.mark.parametrize('count', [2, 16, 100])
+def test_calls_of_many_cameras_build_few_wait_sets(
+    executor: FrameExecutor, wake_ups: Counted, count: int,
+) -> None:
+    executor.call_soon(bool)
+    executor.spin_once()
+    for number in range(count):
+        executor.call_soon(partial(int, number))
+    begin = time.monotonic()
+    while executor._calls:
+        executor.spin_once()
+    periods = (time.monotonic() - begin) / 0.01
+    assert wake_ups.built <= AT_START + 2 * (periods + 1)
 
 
 def test_callback_that_waits_delays_no_call(executor: FrameExecutor, node: Node) -> None:
