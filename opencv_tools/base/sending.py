@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable
+from contextlib import suppress
 import os
 from pathlib import Path
 from typing import Any, cast
@@ -29,6 +30,8 @@ from tornado.web import HTTPError, RequestHandler
 
 # Time in which an answer, or a part of it, must have been taken by the network.
 _TAKEN_SECONDS = 30.0
+# Time in which the requests of closed connections must have ended.
+_CLOSE_SECONDS = 1.0
 _CHUNK = 1 << 18
 _WEBSOCKET = 101  # status of an answer after which the connection is a WebSocket
 
@@ -50,6 +53,24 @@ class BoundedServer(HTTPServer):
             stream.close()
         else:
             super().handle_stream(stream, address)
+
+    async def end(self) -> None:
+        """Close all connections, and cancel every other task of the loop."""
+        self.stop()
+        asyncio.get_running_loop().set_exception_handler(_log_error)
+        with suppress(asyncio.TimeoutError):  # a request may wait for a frame
+            await asyncio.wait_for(self.close_all_connections(), _CLOSE_SECONDS)
+        pending: set[asyncio.Task[Any]] = set()
+        # A request that is cancelled starts a task that writes its answer.
+        while not pending and (tasks := asyncio.all_tasks() - {asyncio.current_task()}):
+            for task in tasks:
+                task.cancel()
+            _, pending = await asyncio.wait(tasks, timeout=_CLOSE_SECONDS)
+
+
+def _log_error(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+    if not isinstance(context.get('exception'), asyncio.CancelledError):  # Tornado 6.2 passes it
+        loop.default_exception_handler(context)
 
 
 class SendingHandler(RequestHandler):

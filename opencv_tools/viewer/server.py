@@ -57,7 +57,6 @@ from tornado.web import Application
 
 _ENCODERS = 2
 _END_SECONDS = 5.0
-_CLOSE_SECONDS = 1.0
 # Time in which a connection must have sent the header of a request.
 _HEADER_SECONDS = 5
 # Time in which a page on a slow link must have read its first picture.
@@ -166,8 +165,7 @@ class ViewerServer:
             await hub.close()
             calibrations.close()
             robots.close()
-            with suppress(asyncio.TimeoutError):  # a request may wait for a frame
-                await asyncio.wait_for(server.close_all_connections(), _CLOSE_SECONDS)
+            await server.end()
 
 
 class _NodeHandler(logging.Handler):

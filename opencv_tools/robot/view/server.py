@@ -215,4 +215,4 @@ async def serve(options: ViewOptions, port: int, announce: Callable[[str], objec
     try:
         await site.watch()
     finally:
-        server.stop()
+        await server.end()

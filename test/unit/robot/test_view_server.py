@@ -291,13 +291,20 @@ def test_headers_of_the_page(shared: Server) -> None:
     assert shared.get('/', method='POST')[0].status == 405
 
 
-def test_end_at_ctrl_c(robot: Path) -> None:
+@pytest.mark.parametrize('waiting', [0, 3, 40])
+def test_end_at_ctrl_c(robot: Path, waiting: int) -> None:
     server = Server(str(robot))
     assert server.line == (f'Open http://localhost:{server.port}/ in a browser; Ctrl-C ends the '
                            'page\n')
+    connections = [HTTPConnection('127.0.0.1', server.port) for _ in range(waiting)]
+    for connection in connections:
+        connection.request('GET', '/robot.json?after=1', headers={'Host': 'localhost'})
+    server.get('/')  # the other requests have been read
     server.process.send_signal(signal.SIGINT)
     _, errors = communicate(server.process)
     assert (server.process.returncode, errors) == (0, '')
+    for connection in connections:
+        connection.close()
 
 
 def test_port_in_use(shared: Server, robot: Path) -> None:

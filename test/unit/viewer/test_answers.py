@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 import asyncio
+from contextlib import ExitStack
 import socket
 from typing import Any, cast
 
 from opencv_tools.base import sending
 from opencv_tools.base.logs import Log
+from opencv_tools.base.sending import BoundedServer, SendingHandler
 from opencv_tools.viewer.access import Access
 from opencv_tools.viewer.hub import Hub
 from opencv_tools.viewer.web.web import Site, SiteHandler
@@ -29,7 +31,7 @@ import pytest
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application
-from waiting import LONGEST_SECONDS, result_of
+from waiting import LONGEST_SECONDS, result_of, until
 
 _LARGE = 50_000_000  # bytes, more than the buffers of two sockets
 
@@ -76,6 +78,55 @@ def test_answer_that_is_not_read_ends(
             return await asyncio.to_thread(_count_bytes, unread)
 
     assert 0 < asyncio.run(ask()) < _LARGE
+    assert not caplog.records
+
+
+class WaitingHandler(SendingHandler):
+    """A handler that waits for an event."""
+
+    async def get(self) -> None:
+        self.application.settings['waiting'].append(self)
+        await self.ready()
+
+    async def ready(self) -> None:
+        await asyncio.Event().wait()
+
+
+class ClosedHandler(WaitingHandler):
+    """A handler that answers some turns of the loop after its connection is closed."""
+
+    def initialize(self) -> None:
+        self._closed = asyncio.Event()
+
+    def on_connection_close(self) -> None:
+        self._closed.set()
+
+    async def ready(self) -> None:
+        await self._closed.wait()
+        await asyncio.to_thread(bool)
+
+
+@pytest.mark.parametrize('count', [1, 7, 40])
+@pytest.mark.parametrize('handler', [WaitingHandler, ClosedHandler])
+def test_end_with_open_requests(
+    handler: type[WaitingHandler], count: int, caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def ask() -> None:
+        waiting: list[SendingHandler] = []
+        server = BoundedServer(Application(
+            [('/', handler)], log_function=lambda _: None, waiting=waiting))
+        (listening,) = bind_sockets(0, '127.0.0.1')
+        server.add_sockets([listening])
+        with ExitStack() as stack:
+            for _ in range(count):
+                connection = stack.enter_context(socket.socket())
+                connection.connect(listening.getsockname())
+                connection.sendall(b'GET / HTTP/1.1\r\nHost: localhost\r\n\r\n')
+            await until(lambda: len(waiting) == count)
+            await server.end()
+        assert asyncio.all_tasks() == {asyncio.current_task()}
+
+    asyncio.run(ask())
     assert not caplog.records
 
 
