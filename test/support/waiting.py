@@ -74,23 +74,22 @@ def _tree(process: int) -> list[int]:
     return found
 
 
-def _ticks_of(process: int) -> int:
-    """Return the processor time in ticks of a process and of its descendants."""
-    return sum(_ticks(Path(f'/proc/{one}/stat')) for one in _tree(process))
+def _ticks_of(processes: list[int]) -> int:
+    return sum(_ticks(Path(f'/proc/{process}/stat')) for process in processes)
 
 
 def work_of(process: int) -> int:
     """Return the whole seconds of work of a process and of its descendants."""
-    return _ticks_of(process) // _COUNTED_TICKS
+    return _ticks_of(_tree(process)) // _COUNTED_TICKS
 
 
 def work() -> int:
     """Return the whole seconds of work of other threads and of child processes, ended or not."""
-    own, ended = os.getpid(), os.times()
+    ended = os.times()
     return (sum(_ticks(task / 'stat') for task in Path('/proc/self/task').iterdir()
                 if task.name != str(threading.get_native_id()))
             + round((ended.children_user + ended.children_system) * _TICK)
-            + _ticks_of(own) - _ticks(Path(f'/proc/{own}/stat'))) // _COUNTED_TICKS
+            + _ticks_of(_tree(os.getpid())[1:])) // _COUNTED_TICKS
 
 
 class Watch:
