@@ -125,25 +125,14 @@ class Position(NamedTuple):
     is_message: bool = True
 
 
-class _FirstFrame(NamedTuple):
-    """
-    The first frame of a publisher that arrived; earlier frames may have been lost.
-
-    :param number: its number; 0 if it came by the image topic.
-    :param message: number of its message, or of the last message before it.
-    """
-
-    number: int
-    message: int
-
-
 class _Publisher:
     """The frames of one publisher, in the order in which it has published them."""
 
     def __init__(self) -> None:
         self.way = Way.TOPIC
         self.is_overdue = False  # the messages before the next shared frame are lost
-        self._first: _FirstFrame | None = None
+        #: The first one that arrived; earlier ones may have been lost. Number 0: a message.
+        self._first: Position | None = None
         self._message = self._number = 0  # of the last frame
         self._only_shared = OnlyShared()
         self._arrived = 0
@@ -202,8 +191,7 @@ class _Publisher:
             self._arrived += 1
             self._only_shared.advance(position.message, position.number)
             if self._first is None:
-                self._first = _FirstFrame(
-                    self.last if position.number else 0, position.message)
+                self._first = position._replace(number=number and self.last)
         return is_new
 
     def _is_after_last(self, position: Position) -> bool:

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence, Set
 
 from opencv_tools.base.logs import Log
 from opencv_tools.image.cdr import IMAGE
-from opencv_tools.topics.image_source import ImageSource, VideoDecoding
+from opencv_tools.topics.image_source import ImageSource
 from opencv_tools.topics.message_reader import MessageReader, WakeUps
 from opencv_tools.topics.options import SubscriptionOptions
 from opencv_tools.topics.order import Way
@@ -33,6 +33,7 @@ from opencv_tools.transport.shared_frames.header import publisher_identity
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH, NOT_SHARED, process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.publisher import can_share
+from opencv_tools.video.publisher_decoders import VideoDecoding
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String

@@ -89,7 +89,8 @@ ALLOWED = {
         'opencv_tools.nodes', 'opencv_tools.recording', 'opencv_tools.rectification',
         'opencv_tools.topics', 'opencv_tools.transport', 'opencv_tools.video',
         'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'rcl_interfaces',
-        'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'yaml'},
+        'rclpy', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs',
+        'type_description_interfaces', 'yaml'},
     'opencv_tools.opencv': {'cv2'},
     'opencv_tools.recording': {
         'opencv_tools.bags', 'opencv_tools.image', 'opencv_tools.image_codecs',
@@ -104,9 +105,9 @@ ALLOWED = {
     'opencv_tools.robot.xml': {'opencv_tools.robot.xml', 'lxml'},
     'opencv_tools.topic_views': {'opencv_tools.calibration', 'opencv_tools.frames'},
     'opencv_tools.topics': {
-        'opencv_tools.image', 'opencv_tools.message_types', 'opencv_tools.topics',
+        'opencv_tools.image', 'opencv_tools.topics',
         'opencv_tools.transport', 'opencv_tools.video', 'rcl_interfaces', 'rclpy',
-        'sensor_msgs', 'std_msgs', 'type_description_interfaces'},
+        'sensor_msgs', 'std_msgs'},
     'opencv_tools.transport': {
         'opencv_tools.image', 'opencv_tools.message_types', 'opencv_tools.transport',
         'ament_index_python', 'rclpy', 'sensor_msgs', 'std_msgs'},

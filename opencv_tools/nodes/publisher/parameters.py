@@ -30,9 +30,9 @@ from opencv_tools.image.errors import ImageError
 from opencv_tools.nodes.parameters import parameter, parameter_group, parameter_table
 from opencv_tools.nodes.publisher.calibration_file import check_camera_name
 from opencv_tools.nodes.settings import FULL_HD_BYTES, NodeSettings, priority_parameter
+from opencv_tools.nodes.topic_patterns import check_patterns
 from opencv_tools.nodes.video_settings import check_video
 from opencv_tools.topics.errors import ParameterError
-from opencv_tools.topics.topic_patterns import check_patterns
 from opencv_tools.video.settings import VideoSettings
 from rclpy.logging import get_logger
 

@@ -35,8 +35,8 @@ from opencv_tools.capture.bag import BagSource
 from opencv_tools.capture.frame import Recorded
 from opencv_tools.capture.player import LONG_WAIT_SECONDS
 from opencv_tools.message_types.definition import DefinitionError, full_name
+from opencv_tools.nodes.topic_patterns import matches
 from opencv_tools.topics.errors import ROS_ERRORS, ros_reason
-from opencv_tools.topics.topic_patterns import matches
 from opencv_tools.transport.message_type import message_type
 from rclpy.duration import Duration
 from rclpy.node import Node

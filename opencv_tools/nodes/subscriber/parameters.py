@@ -24,6 +24,7 @@ from opencv_tools.base.rate_limit import MAX_RATE
 from opencv_tools.image.image_size import MAX_PIXELS
 from opencv_tools.nodes.parameters import parameter, parameter_table, rate_parameter
 from opencv_tools.nodes.settings import NodeSettings, priority_parameter
+from opencv_tools.nodes.topic_patterns import check_patterns
 from opencv_tools.recording.naming import check_folder, FileNames
 from opencv_tools.recording.numbering import ON_EXISTS
 from opencv_tools.recording.open_sink import check_format, check_limits, KEEPS_PACKETS
@@ -31,7 +32,6 @@ from opencv_tools.recording.recorder import QUEUE_SIZE
 from opencv_tools.recording.selection import Limits
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.topic_discovery import TRANSPORTS
-from opencv_tools.topics.topic_patterns import check_patterns
 
 # Smallest and largest queue of the middleware for a busy subscriber, in frames.
 _LEAST_DEPTH = 10

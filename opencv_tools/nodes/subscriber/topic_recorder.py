@@ -32,6 +32,8 @@ from opencv_tools.image.errors import CdrError
 from opencv_tools.image.topic_names import camera_info_topic, IMAGE_SUFFIXES
 from opencv_tools.message_types.definition import DefinitionError, full_name
 from opencv_tools.nodes.conversion import offered_qos
+from opencv_tools.nodes.subscriber.topic_types import TopicTypes
+from opencv_tools.nodes.topic_patterns import matches
 from opencv_tools.recording.bag_sink import MessageBatch, RecordedMessage
 from opencv_tools.recording.errors import Unwritten
 from opencv_tools.recording.naming import FrameMetadata
@@ -40,8 +42,6 @@ from opencv_tools.topics.errors import ParameterError, ROS_ERRORS, ros_reason
 from opencv_tools.topics.message_reader import MessageReader
 from opencv_tools.topics.order import FrameOrder, Position
 from opencv_tools.topics.qos import following_qos
-from opencv_tools.topics.topic_patterns import matches
-from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
 from opencv_tools.transport.shared_frames.announcement import SUFFIX
 from rclpy.node import Node

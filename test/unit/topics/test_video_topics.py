@@ -27,7 +27,6 @@ from opencv_tools.image.errors import CdrError, KeyFrameNeeded
 from opencv_tools.message_types.codec import MessageCodec
 from opencv_tools.message_types.definition import read_definition
 from opencv_tools.topics.frame_topics import VideoTopics
-from opencv_tools.topics.image_source import VideoDecoding
 from opencv_tools.video import stream
 from opencv_tools.video.decoder import NumberedDecoder
 from opencv_tools.video.encoder import VideoEncoder
@@ -35,6 +34,7 @@ from opencv_tools.video.messages import (
     cdr_to_video, COMPRESSED_VIDEO, FFMPEG_PACKET, video_to_cdr, VIDEO_TOPICS, WireVideo)
 from opencv_tools.video.packet import VideoPacket
 from opencv_tools.video.parameter_sets import parameter_sets
+from opencv_tools.video.publisher_decoders import VideoDecoding
 from opencv_tools.video.settings import VideoSettings
 import pytest
 from rclpy.node import Node

@@ -30,8 +30,8 @@ from opencv_tools.base.worker import worker_command
 from opencv_tools.message_types.definition import (
     DefinitionError, full_name, read_definition, TypeDefinition)
 from opencv_tools.message_types.description import type_hash
+from opencv_tools.nodes.subscriber.type_questions import Answer, MAX_TEXT, Question
 from opencv_tools.topics.topic_discovery import UNKNOWN_NODE
-from opencv_tools.topics.type_questions import Answer, MAX_TEXT, Question
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 _ANSWER_SECONDS = 20.0
@@ -54,7 +54,7 @@ class _Inquiry:
         self._output = TemporaryFile()  # noqa: SIM115 (it is open as long as the process)
         # A process that is killed leaves nothing in /dev/shm.
         self._process = Popen(
-            worker_command('opencv_tools.topics.type_questions', node, json.dumps(
+            worker_command('opencv_tools.nodes.subscriber.type_questions', node, json.dumps(
                 self.questions), str(_ANSWER_SECONDS), str(_MEMORY)),
             env={**os.environ, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'}, stdin=DEVNULL,
             stdout=self._output, stderr=DEVNULL, start_new_session=True)

@@ -19,10 +19,10 @@ import errno
 
 from conftest import executor_of, spin_until
 from opencv_tools.message_types.definition import DefinitionError
-from opencv_tools.topics import topic_types
+from opencv_tools.nodes.subscriber import topic_types
+from opencv_tools.nodes.subscriber.topic_types import TopicTypes
+from opencv_tools.nodes.topic_patterns import check_patterns, matches
 from opencv_tools.topics.topic_discovery import UNKNOWN_NODE
-from opencv_tools.topics.topic_patterns import check_patterns, matches
-from opencv_tools.topics.topic_types import TopicTypes
 from opencv_tools.transport.message_type import message_type
 import pytest
 from rclpy.node import Node
@@ -30,6 +30,7 @@ from rclpy.parameter import Parameter
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from type_description_interfaces.msg import Field, TypeSource
 from type_description_interfaces.srv import GetTypeDescription
+from waiting import LONGEST_SECONDS
 
 UNKNOWN = 'my_robot_msgs/msg/Door', 'bool is_open\n'
 
@@ -77,6 +78,7 @@ def test_silent_publishers(
         node: Node, camera: Node, types: TopicTypes, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each publisher has its own time, and neither an answer nor its absence leaves a process."""
     monkeypatch.setattr(topic_types, '_ANSWER_SECONDS', 0.5)
+    monkeypatch.setattr(topic_types, '_END_SECONDS', LONGEST_SECONDS)  # of a busy machine
     first, second = offers(node, camera, '/door', '/lid')
     other = changed(first, node_name='other')  # of the same process
     for offer in (first, second, other):
