@@ -157,12 +157,22 @@ class FrameNode(ClosableNode):
 
         :returns: the exit status: the result of ``done``, 0 without one.
         """
+        self._destroy_frames()
+        return super().close()
+
+    def destroy_node(self) -> None:
+        """Unsubscribe and remove the publishers, then all else; a callback may call this."""
+        try:
+            self._destroy_frames()
+        finally:
+            super().destroy_node()
+
+    def _destroy_frames(self) -> None:
         with ExitStack() as stack:  # all are closed, even if one raises an exception
             # The last ones are closed first: a callback may publish until its thread ends.
             for closables in (self._frame_publishers, self._frame_subscribers):
                 while closables:
                     stack.callback(closables.pop().destroy)
-        return super().close()
 
 
 def main(

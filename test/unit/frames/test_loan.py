@@ -18,16 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import functools
-from threading import Semaphore, Thread
+from functools import partial
+from threading import Event, Semaphore, Thread
 from typing import Any
 
-from conftest import spin_until
+from conftest import executor_of, spin_until
 import cv2
 import numpy as np
-from opencv_tools.frames import Frame, FramePublisher, FrameSubscriber
+from opencv_tools.frames import Frame, FrameNode, FramePublisher, FrameSubscriber
 from opencv_tools.frames.loan import LoanedFrame
 from opencv_tools.frames.node import ImageFunction
 from opencv_tools.image.errors import EncodingError, LayoutError
+from opencv_tools.topics.executor import FrameExecutor
 from opencv_tools.transport.shared_frames import publisher as shared_publisher
 from opencv_tools.transport.shared_frames.memory import FrameMemory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
@@ -37,7 +39,7 @@ import pytest
 from rclpy.node import Node
 from sharing import picture
 from std_msgs.msg import Header
-from waiting import wait_until
+from waiting import LONGEST_SECONDS, wait_until
 
 pytest.importorskip('iceoryx2')
 
@@ -448,3 +450,44 @@ def test_memory_is_not_lent_before_its_message_is_published(
     spin_until(node, lambda: bool(raw))
     assert waited == [True]
     subscriber.destroy()
+
+
+@pytest.mark.parametrize('threaded', [False, True])
+@pytest.mark.parametrize('in_callback', [False, True])
+def test_node_that_is_destroyed(camera: Camera, threaded: bool, in_callback: bool) -> None:
+    """No frame comes after `destroy_node`, also if a callback has called it."""
+    node = FrameNode('eyes', context=camera.node.context)
+    destroyed, values = Event(), list[int]()
+    camera.subscriber.destroy()
+
+    def receive(frame: Frame) -> None:
+        values.append(int(frame.raw[0, 0]))
+        if in_callback and values[-1] == 3:
+            node.destroy_node()
+            destroyed.set()
+
+    subscriber = node.receive_frames(
+        'camera/image', receive, encoding='', every=True, depth=16, transport='shm',
+        threaded=threaded)
+    executor = FrameExecutor(context=node.context)
+    executor.add_node(node)
+    with executor_of(camera.node) as other:
+        def spin() -> None:
+            executor.spin_once(0.01)
+            other.spin_once(0.01)
+
+        wait_until(lambda: camera.send(0) and subscriber._subscription.is_shared,
+                   'shared frames', spin)
+        for value in (1, 2, 3):
+            camera.send(value)
+            wait_until(partial(values.__contains__, value), 'the frame', spin)
+        if in_callback:
+            assert destroyed.wait(LONGEST_SECONDS)
+        else:
+            node.destroy_node()
+        for value in (4, 5, 6):
+            camera.send(value)
+            spin()
+        wait_until(lambda: not camera.publisher.has_subscribers, 'its end', spin)
+        assert values[-1] == 3
+    executor.shutdown()
