@@ -56,7 +56,7 @@ class ImageViewer(ClosableNode):
                               f'{installation("tornado")}') from err
         settings = declare_settings(self, ViewerSettings)
         log = self._log = Log(self.get_logger())
-        calls = ExecutorCalls(self, log)
+        calls = self._calls = ExecutorCalls(self, log)
         self._recorder = PageRecorder(
             self, settings.record_dir, lambda work: calls.start(work, lambda _: None), log,
         ) if settings.record_dir else None
@@ -96,6 +96,7 @@ class ImageViewer(ClosableNode):
                     self._log, 'Writing the received frames; Ctrl-C ends without them'):
                 self._recorder.close()
         self._server.close()
+        self._calls.close()
         self._graph.close_all()
         self.get_logger().info('Closed all pages')
         return super().close()

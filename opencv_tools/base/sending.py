@@ -94,6 +94,12 @@ class SendingHandler(RequestHandler):
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
         self.finish(f'{self.sentence(status_code, kwargs.get("exc_info", (None, None))[1])}\n')
 
+    def send_error(self, status_code: int = 500, **kwargs: Any) -> None:
+        """Write an error, if the connection is still open."""
+        stream = cast(Any, self.request.connection).stream
+        if stream and not stream.closed():
+            super().send_error(status_code, **kwargs)
+
     def sentence(self, status_code: int, err: BaseException | None) -> str:
         """Return the sentence for an error."""
         return f'{status_code}: {self._reason}'

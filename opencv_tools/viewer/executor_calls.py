@@ -40,6 +40,7 @@ class ExecutorCalls:
         self._log = log
         self._queue: SimpleQueue[Callable[[], object]] = SimpleQueue()
         self._guard = node.create_guard_condition(self._run)
+        self._started: dict[Coroutine[Any, Any, None], Coroutine[Any, Any, Any]] = {}
 
     def call(self, function: Callable[[], _T],
              on_done: Callable[[_T | RequestError], object] = lambda _: None) -> None:
@@ -70,14 +71,23 @@ class ExecutorCalls:
                 result: _T | RequestError = await work
             except Exception as err:  # noqa: B902 (one request must not end the node)
                 result = self._refusal(err)
+            del self._started[running]
             on_done(result)
 
         def create_task() -> None:
             executor = self._node.executor
             if executor:  # always, because it calls this function
-                executor.create_task(run())
+                executor.create_task(running)
 
+        running = run()
+        self._started[running] = work
         self._request(create_task)
+
+    def close(self) -> None:
+        """End the coroutines that have not returned, after the end of the executor's spin."""
+        while self._started:
+            for coroutine in self._started.popitem():
+                coroutine.close()
 
     def _request(self, call: Callable[[], object]) -> None:
         self._queue.put(call)

@@ -92,6 +92,15 @@ class WaitingHandler(SendingHandler):
         await asyncio.Event().wait()
 
 
+class PartsHandler(WaitingHandler):
+    """A handler that waits after the first part of its answer."""
+
+    async def ready(self) -> None:
+        self.write('part')
+        await self.flush()
+        await super().ready()
+
+
 class ClosedHandler(WaitingHandler):
     """A handler that answers some turns of the loop after its connection is closed."""
 
@@ -107,7 +116,7 @@ class ClosedHandler(WaitingHandler):
 
 
 @pytest.mark.parametrize('count', [1, 7, 40])
-@pytest.mark.parametrize('handler', [WaitingHandler, ClosedHandler])
+@pytest.mark.parametrize('handler', [WaitingHandler, PartsHandler, ClosedHandler])
 def test_end_with_open_requests(
     handler: type[WaitingHandler], count: int, caplog: pytest.LogCaptureFixture,
 ) -> None:

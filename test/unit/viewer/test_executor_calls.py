@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from functools import partial
+from inspect import CORO_CLOSED, getcoroutinestate
 from typing import Any
 
 from conftest import spin_until
@@ -25,6 +26,7 @@ from opencv_tools.viewer.errors import RequestError
 from opencv_tools.viewer.executor_calls import ExecutorCalls
 import pytest
 from rclpy.node import Node
+from rclpy.task import Future
 
 
 class Lines(list):
@@ -84,3 +86,26 @@ def test_call_without_an_answer(node: Node) -> None:
     calls = ExecutorCalls(node, Log(lines))
     calls.call(surrogate)
     spin_until(node, lambda: len(lines) == 1)
+
+
+@pytest.mark.parametrize('count', [1, 4, 30])
+def test_coroutines_that_have_not_returned_at_the_end(node: Node, count: int) -> None:
+    calls, begun, ended, answers = ExecutorCalls(node, Log(Lines())), [], [], list[Any]()
+
+    async def wait() -> None:
+        begun.append(None)
+        try:
+            await Future()
+        finally:
+            ended.append(None)
+
+    works = [wait() for _ in range(count)]
+    for work in works:
+        calls.start(work, answers.append)
+    spin_until(node, lambda: len(begun) == count)
+    works += [wait() for _ in range(count)]
+    for work in works[count:]:
+        calls.start(work, answers.append)
+    calls.close()
+    assert {getcoroutinestate(work) for work in works} == {CORO_CLOSED}
+    assert (len(begun), len(ended), answers) == (count, count, [])
