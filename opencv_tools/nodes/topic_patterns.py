@@ -22,7 +22,8 @@ import re
 
 from opencv_tools.base.text import printable
 
-_PATTERN = re.compile(r'[/*][A-Za-z0-9_/*]*')
+# What a slash separates is not empty and begins with no digit.
+_PATTERN = re.compile(r'(?!.*(//|/[0-9]|/$))[/*][A-Za-z0-9_/*]*')
 
 
 def check_patterns(text: str) -> None:

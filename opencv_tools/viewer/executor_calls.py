@@ -39,8 +39,8 @@ class ExecutorCalls:
         self._node = node
         self._log = log
         self._queue: SimpleQueue[Callable[[], object]] = SimpleQueue()
-        self._guard = node.create_guard_condition(self._run)
         self._started: dict[Coroutine[Any, Any, None], Coroutine[Any, Any, Any]] = {}
+        self._guard = node.create_guard_condition(self._run)
 
     def call(self, function: Callable[[], _T],
              on_done: Callable[[_T | RequestError], object] = lambda _: None) -> None:

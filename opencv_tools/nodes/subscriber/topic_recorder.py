@@ -254,6 +254,7 @@ class TopicRecorder:
         self._topics: dict[str, RecordedTopic] = {}  # that are received now
         self._accounts: dict[tuple[str, str, str], RecordedTopic] = {}  # name, type, hash
         self._left_out = LeftOutTopics(log)
+        self._asked: list[str] = []  # topics whose types were not known at the last discovery
         self._beyond = 0  # topics beyond the limit that were logged
         self._has_failed = False
         self._batches = MessageBatches(image_topic, put, log)
@@ -287,7 +288,10 @@ class TopicRecorder:
         counts = Counter(name for name, *_ in self._accounts)
         for key in sorted(self._accounts):
             self._log.info(self._accounts[key].account(with_type=counts[key[0]] > 1))
-        if not counts:
+        if self._asked:
+            self._log.warning(f'{enumerated([*map(printable, self._asked)])} not recorded: the '
+                              'recording ended before the definition of the type was sent')
+        elif not counts:
             self._log.warning(f'No topic was recorded beside the images: no other one '
                               f'matches {" ".join(self._patterns)}')
         return not self._has_failed
@@ -320,6 +324,7 @@ class TopicRecorder:
         """Subscribe to the topics that have appeared."""
         found = dict(self._node.get_topic_names_and_types())
         self._left_out.keep(found)
+        self._asked.clear()
         beyond = []
         for name in found:
             if name not in self._topics and not self._is_wanted(name, found):
@@ -408,6 +413,7 @@ class TopicRecorder:
             return False
         definition = self._types.find(publishers[0])
         if definition is None:
+            self._asked.append(name)
             return True
         topic = self._accounts.get(key) or RecordedTopic(BagChannel(
             topic=name, type_name=definition.name, type_hash=key[2], definition=definition.text,

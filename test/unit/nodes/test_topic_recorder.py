@@ -195,6 +195,19 @@ def test_type_of_a_package_without_messages(
     assert recording.end()
 
 
+@pytest.mark.parametrize('count', [1, 2, 5])
+def test_end_before_the_type_is_known(record: Record, camera: Node, count: int) -> None:
+    names = [f'/door_{number}' for number in range(count)]
+    for number, name in enumerate(names):
+        camera.create_publisher(
+            message_type(f'odd_msgs/msg/Door{number}', 'bool is_open'), name, 10)
+    recording = record('/door_*')
+    wait_until(lambda: len(recording.recorder._asked) == count, 'the topics')
+    assert recording.end()
+    assert recording.has('not recorded: the recording ended before the definition of the type')
+    assert all(recording.has(name) for name in names)
+
+
 def test_end_of_ros_before_the_recorder(domain: int, camera: Node) -> None:
     context = Context()
     rclpy.init(context=context, domain_id=domain)

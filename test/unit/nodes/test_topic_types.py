@@ -67,8 +67,9 @@ def test_patterns() -> None:
     names = ['/tf', '/tf_static', '/camera/left', '/camera/right/info']
     for pattern, count in (('/tf', 1), ('/tf*', 2), ('/camera/*', 2), ('*', 4), ('*/info', 1)):
         assert sum(matches(name, ['/none', pattern]) for name in names) == count, pattern
-    check_patterns('/tf *  /camera/*/info')
-    for pattern in ('tf', '/a?', '/[ab]', '/é', '/tf,', '~/tf'):
+    check_patterns('/tf *  /camera/*/info /a__b /*1')
+    for pattern in ('tf', '/a?', '/[ab]', '/é', '/tf,', '~/tf', '/', '/a/', '*/', '//a', '/a//b',
+                    '/1a', '/a/2*'):
         with pytest.raises(ValueError, match='is no name of a topic'):
             check_patterns(f'/tf {pattern}')
 
