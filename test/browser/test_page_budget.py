@@ -31,7 +31,7 @@ REASON = 'document.querySelector(".robot .reason")'
 #: Keeps the delays of this machine, so that only those of a test reach the tile of the robot.
 TAKE_DELAYS = """
 window.delays = [];
-import('/page/tiles.js').then(({ Robot }) => {
+if (window === top) import('/page/tiles.js').then(({ Robot }) => {
   const { rest } = Robot.prototype;
   Robot.prototype.rest = function (seconds) {
     delays.push(seconds);
@@ -49,9 +49,10 @@ def page(viewer: Viewer, browser: Browser, camera: Node,  # noqa: F811
          robot: RobotNode) -> Page:  # noqa: F811
     """Show the pages of a camera and of a robot, without the delays of this machine."""
     Camera(camera, '/front', LATCHED).publish(1)
-    page = browser.new_page(viewer.url)
+    page = browser.new_page('about:blank')
+    page.call('Page.addScriptToEvaluateOnNewDocument', source=TAKE_DELAYS)
+    page.go(viewer.url)
     page.wait_for(f'numberOf("/front") === 1 && Boolean({STAGE})')
-    page.evaluate(TAKE_DELAYS)
     block(page, 0.2)
     page.wait_for('Boolean(window.delay)')
     page.wait_for(f'{HELD} === "false"')
