@@ -49,9 +49,7 @@ def page(viewer: Viewer, browser: Browser, camera: Node,  # noqa: F811
          robot: RobotNode) -> Page:  # noqa: F811
     """Show the pages of a camera and of a robot, without the delays of this machine."""
     Camera(camera, '/front', LATCHED).publish(1)
-    page = browser.new_page('about:blank')
-    page.call('Page.addScriptToEvaluateOnNewDocument', source=TAKE_DELAYS)
-    page.go(viewer.url)
+    page = browser.new_page(viewer.url, script=TAKE_DELAYS)
     page.wait_for(f'numberOf("/front") === 1 && Boolean({STAGE})')
     block(page, 0.2)
     page.wait_for('Boolean(window.delay)')

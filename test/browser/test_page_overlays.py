@@ -397,12 +397,10 @@ def test_camera_before_the_first_picture(
     camera.create_publisher(CameraInfo, INFO, LATCHED).publish(CameraInfo(
         width=WIDTH, height=HEIGHT, k=[400.0, 0, 320, 0, 400, 240, 0, 0, 1],
         p=[300.0, 0, 320, 0, 0, 300, 240, 0, 0, 0, 1, 0], r=np.eye(3).ravel()))
-    page = browser.new_page('about:blank')
-    page.call('Page.addScriptToEvaluateOnNewDocument', source=(
+    page = browser.new_page(f'{viewer.url}?topic={TOPIC}&center=true&outline=true', script=(
         'const decode = createImageBitmap; const released = new Promise((release) => {'
         '  window.release = release; }); window.createImageBitmap = async (...image) => {'
         '  await released; return decode(...image); };'))
-    page.go(f'{viewer.url}?topic={TOPIC}&center=true&outline=true')
     page.wait_for('sent.some((one) => one.overlays)')
     settle(page)  # the camera arrives meanwhile
     page.evaluate('release()')

@@ -68,20 +68,21 @@ class Browser:
                  f'--user-data-dir={folder}'],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=console, bufsize=0)
 
-    def new_page(self, url: str, width: int = 1280, height: int = 800) -> Page:
+    def new_page(self, url: str, width: int = 1280, height: int = 800, script: str = '') -> Page:
         """
         Open a page in a tab of its own.
 
         :param url: address of the page.
         :param width: width of the viewport in pixels.
         :param height: height of the viewport in pixels.
+        :param script: run before the scripts of the page.
         """
         target = self.call('Target.createTarget', url='about:blank')['targetId']
         session = self.call('Target.attachToTarget', targetId=target, flatten=True)['sessionId']
         page = Page(self, target, session)
         for domain in ('Page', 'Runtime', 'Log'):
             page.call(f'{domain}.enable')
-        page.call('Page.addScriptToEvaluateOnNewDocument', source=self._script)
+        page.call('Page.addScriptToEvaluateOnNewDocument', source=f'{self._script}\n{script}')
         page.resize(width, height)
         page.go(url)
         return page

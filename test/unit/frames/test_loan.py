@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import functools
 from functools import partial
 from threading import Event, Semaphore, Thread
 from typing import Any
@@ -369,7 +368,7 @@ def fill_by(image: np.ndarray, minuend: int, out: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(('function', 'arguments', 'shares', 'expected'), [
     (fill, (), True, 255 - IMAGE), (fill_and_return, (), True, 255 - IMAGE),
     (return_several, (), True, 255 - IMAGE), (fill_by, (255,), True, 255 - IMAGE),
-    (functools.partial(fill_by, minuend=255), (), True, 255 - IMAGE),
+    (partial(fill_by, minuend=255), (), True, 255 - IMAGE),
     (return_another, (), False, cv2.flip(255 - IMAGE[:2], -1)),
     (keep_nothing, (), False, 255 - IMAGE), (np.invert, (), False, 255 - IMAGE),
     (cv2.flip, (1,), False, cv2.flip(IMAGE, 1)), (lambda image: None, (), False, None)],
