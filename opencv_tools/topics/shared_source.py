@@ -127,6 +127,10 @@ class SharedSource:
                 self._wait()
         except Exception as err:  # noqa: B902 (the subscription goes on without this source)
             self.error = err
+        if not self._reader.has_writer:  # another one would use memory of frames that are held
+            self.close()
+            self._reader.close()
+        if self.error:
             self._on_change()
 
     def _wait(self) -> None:
@@ -134,27 +138,29 @@ class SharedSource:
         way = self._way
         is_notified = self._reader.wait(_WAIT_SECONDS)
         has_writer = is_notified or self._reader.has_writer
-        are_all_received = self._receive_in_order()
+        are_all_received = self._receive_in_order(has_writer)
         if self._way is not way or self.is_overdue:
             self._on_change()
         if are_all_received and not has_writer:
             raise WriterEndedError('its writer has ended')
 
-    def _receive_in_order(self) -> bool:
+    def _receive_in_order(self, has_writer: bool) -> bool:
         """
         Put waiting frames into the queue, and return whether none is left.
 
-        If their publisher waits, they wait for room in the queue and for earlier messages.
+        If their publisher waits, they wait for earlier messages, and until its end for room in the
+        queue.
         """
+        keeps_all = self._delays_writer and not (has_writer or self._queue.keeps_newest)
         for _ in range(_MAX_FRAMES):
-            if self._delays_writer and not self._queue.wait_for_room(_WAIT_SECONDS):
+            if self._delays_writer and has_writer and not self._queue.wait_for_room(_WAIT_SECONDS):
                 return False
             with self._lock:
                 if not self._take():
                     return True
                 if self._delays_writer and self._is_early():
                     return False
-                self._put()
+                self._put(keeps_all=keeps_all)
         return False
 
     def _take(self) -> bool:

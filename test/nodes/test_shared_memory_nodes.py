@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 import os
 from pathlib import Path
 import signal
@@ -26,12 +27,13 @@ import sys
 from conftest import NodeProcess, read_manifest, spin_until
 import cv2
 import numpy as np
+from opencv_tools.transport.shared_frames import publisher as shared_publisher
 from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
 import pytest
 from rclpy.node import Node
 from sharing import (
     Camera, picture, RemoteCamera, RemoteViewer, send_until, TOPIC, Viewer, WINDOW)
-from waiting import communicate
+from waiting import communicate, LONGEST_SECONDS, pause
 
 pytest_plugins = ['sharing']
 pytestmark = [pytest.mark.process, pytest.mark.thorough]
@@ -186,6 +188,31 @@ def test_nothing_is_written_for_killed_readers(
         return not camera.frames._topics.shared._writer.readers
 
     spin_until(node, send_until_unread)
+
+
+@pytest.mark.parametrize('count', [1, 3, 10])
+def test_frames_before_the_end_of_a_publisher(
+        node: Node, remote_viewer: Callable[..., RemoteViewer], monkeypatch: pytest.MonkeyPatch,
+        count: int) -> None:
+    monkeypatch.setattr(shared_publisher, '_LEAVE_SECONDS', LONGEST_SECONDS)
+    camera = Camera(node)
+    viewer = remote_viewer(held=3)
+
+    def send_until_shared() -> bool:
+        camera.send()
+        return viewer.has_shared(5)
+
+    viewer.wait_until(send_until_shared)
+    viewer.signal(signal.SIGSTOP)
+    for number in range(count):
+        camera.send(height=100 << number)  # in memory that is new to the reader
+    with ThreadPoolExecutor(1) as pool:
+        end = pool.submit(camera.destroy)
+        pause(0.1)
+        assert not end.done()
+        viewer.signal(signal.SIGCONT)
+        end.result()
+    viewer.wait_until(lambda: viewer.frames[-1][1] == camera.sent)
 
 
 def test_killed_publishers(memory: Callable[[float], Memory],

@@ -16,12 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from threading import Event
 import time
 
 from opencv_tools.base.logs import Log
 from opencv_tools.topics.compressed_topic import CompressedTopic
+from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
+from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
@@ -95,28 +97,38 @@ class Backlog:
         """
         return self._wait(self._has_room)
 
-    def wait_for_all(self) -> bool:
+    def wait_for_all(self, ended: Sequence[SharedFramePublisher] = ()) -> bool:
         """
         Wait until all messages are confirmed.
 
-        :returns: whether all messages are confirmed.
+        :param ended: publishers that share no more frames; their readers are waited for as well.
+        :returns: whether all messages are confirmed and all shared frames received.
         """
-        return self._wait(lambda: not any(self._unconfirmed.values()))
+        return self._wait(lambda: not (any(self._unconfirmed.values())
+                                       or any(publisher.has_readers for publisher in ended)))
 
-    def confirm_all(self) -> bool:
+    def confirm_all(self, shared: Sequence[SharedFramePublisher] = ()) -> bool:
         """
         Wait at the end of a file until all messages are confirmed; log how many are not.
 
-        :returns: whether all messages are confirmed, or ``stop`` was called.
+        :param shared: publishers of shared frames, which share no more from now on.
+        :returns: whether all frames are received, or ``stop`` was called.
         """
         self._may_wait, self._seconds = True, _END_SECONDS
-        if self.wait_for_all() or self._stopped.is_set():
+        for publisher in shared:
+            publisher.end()
+        if self.wait_for_all(shared) or self._stopped.is_set():
             return True
-        count, publisher = max(
+        count, topic = max(
             (min(count, publisher.qos_profile.depth or count), publisher.topic_name)
             for publisher, count in self._unconfirmed.items())
-        self._log.error(f'up to {count} of the last messages on {publisher} were not received by '
-                        'each reliable subscriber; they may be lost')
+        if count:
+            self._log.error(f'up to {count} of the last messages on {topic} were not received by '
+                            'each reliable subscriber; they may be lost')
+        for publisher in shared:
+            if publisher.has_readers:
+                self._log.error(f'up to {MAX_DEPTH} of the last frames on {publisher.topic_name} '
+                                'were not received by each subscriber; they may be lost')
         return False
 
     def deliver(self, send: Callable[[], bool]) -> bool:

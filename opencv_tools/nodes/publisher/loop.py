@@ -172,7 +172,8 @@ class PublishLoop:
                 self._controls.report_unused()
                 status = EXIT_FAILURE
             if not self._grabber.stopped:
-                if not self._topics.backlog.confirm_all():
+                if not self._topics.backlog.confirm_all(
+                        [topics.frames.shared for topics in self._topics.outputs]):
                     status = EXIT_FAILURE
                 if self._topic_player and status == EXIT_OK:
                     self._topic_player.finish()

@@ -44,6 +44,9 @@ _CHECK_SECONDS = 1.0
 _RETRY_SECONDS = 5.0
 # A subscription to the image topic may miss messages for this time after it was discovered.
 _JOIN_SECONDS = 0.2
+# Readers leave within 0.1 s, but those that were stopped or killed do not.
+_LEAVE_SECONDS = 1.0
+_POLL_SECONDS = 0.002
 
 # Calls a function that sends a frame to readers, and that returns whether all had room for it. It
 # may call it again: readers ignore a repeated frame.
@@ -75,6 +78,7 @@ class SharedFramePublisher:
         # published.
         self._lock = RLock()
         self._writer: FrameWriter | None = None
+        self._ended: FrameWriter | None = None  # while readers receive its last frames
         self._is_announced = False
         self._next_check = 0.0
         #: Number of frames published in any way, and on the image topic.
@@ -140,13 +144,33 @@ class SharedFramePublisher:
                 self.messages += 1
             return is_message
 
-    def destroy(self) -> None:
-        """Stop sharing and remove the publisher."""
+    @property
+    def has_readers(self) -> bool:
+        """Whether readers are left after ``end``, which have not received all frames."""
+        ended, now = self._ended, time.monotonic()
+        if ended is not None and ended.readers and now >= self._next_check:
+            self._next_check = now + _CHECK_SECONDS
+            process_memory().remove_dead()
+        return ended is not None and ended.readers > 0
+
+    def end(self) -> None:
+        """Share no more frames. Readers leave when they have received those that were shared."""
         with self._lock:
-            self._writer = None
+            if self._writer:
+                self._writer.end()
+                self._ended, self._writer = self._writer, None
+                self._next_check = 0.0
             if self._announcements is not None:
                 self._node.destroy_publisher(self._announcements)
                 self._announcements = None
+
+    def destroy(self) -> None:
+        """Stop sharing and remove the publisher, after a short wait for its readers."""
+        self.end()
+        give_up_at = time.monotonic() + _LEAVE_SECONDS
+        while self.has_readers and time.monotonic() < give_up_at:
+            time.sleep(_POLL_SECONDS)
+        self._ended = None
 
     def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> bool:
         """Send a frame in shared memory, if it has subscribers; return whether it is a message."""
@@ -184,34 +208,27 @@ class SharedFramePublisher:
 
     def _writer_with_room(self, frame_bytes: int) -> FrameWriter | None:
         """
-        Return the writer of the service if it has readers.
-
-        :raises SharedMemoryError: the service cannot be created.
-        """
-        self._check_room(frame_bytes)
-        return self._writer if self._writer is not None and self._writer.readers else None
-
-    def _check_room(self, frame_bytes: int) -> None:
-        """
         Announce the service, or withdraw the announcement if there is no room for more frames.
 
+        :returns: the writer of the service if it has readers.
         :raises SharedMemoryError: the service cannot be created.
         """
         now = time.monotonic()
-        if now < self._next_check:
-            return
-        self._next_check = now + _CHECK_SECONDS
-        memory = process_memory()
-        memory.remove_dead()  # killed readers still count
-        try:
-            memory.check_room(_SPARE_FRAMES * frame_bytes)
-        except SharedMemoryError as err:
-            self._withdraw(err)
-            return
-        if self._writer is None:
-            self._writer = memory.create_writer(frame_bytes, overwrites=self.deliver is None)
-        if not self._is_announced:
-            self._announce(self._writer.service)
+        if now >= self._next_check:
+            self._next_check = now + _CHECK_SECONDS
+            memory = process_memory()
+            memory.remove_dead()  # killed readers still count
+            try:
+                memory.check_room(_SPARE_FRAMES * frame_bytes)
+            except SharedMemoryError as err:
+                self._withdraw(err)
+            else:
+                if self._writer is None:
+                    self._writer = memory.create_writer(
+                        frame_bytes, overwrites=self.deliver is None)
+                if not self._is_announced:
+                    self._announce(self._writer.service)
+        return self._writer if self._writer is not None and self._writer.readers else None
 
     def _send(self, slot: Slot, image: WireImage, is_message: bool) -> bool:
         """

@@ -39,7 +39,8 @@ class FrameReader:
         self._views: set[int] = set()  # identifiers of the frames that are held
         frames, events = memory.builders(service)
         # The listener comes first, so that no event is missed.
-        self._listener = events.open().listener_builder().create()
+        self._events = events.open()
+        self._listener = self._events.listener_builder().create()
         self._frames = frames.open()
         self._subscriber = self._frames.subscriber_builder().buffer_size(depth).create()
 
@@ -50,8 +51,8 @@ class FrameReader:
 
     @property
     def has_writer(self) -> bool:
-        """Whether the writer has not been closed. A killed writer still counts."""
-        return bool(self._frames.dynamic_config.number_of_publishers)
+        """Whether more frames may be sent. A killed writer still counts."""
+        return bool(self._events.dynamic_config.number_of_notifiers)
 
     def wait(self, seconds: float) -> bool:
         """
@@ -67,6 +68,10 @@ class FrameReader:
             if 'InterruptSignal' in str(err):  # by any signal, such as SIGCONT
                 return True
             raise
+
+    def close(self) -> None:
+        """Leave a writer that has ended, also while received frames are held."""
+        self._subscriber.delete()
 
     def receive(self) -> SharedFrame | None:
         """

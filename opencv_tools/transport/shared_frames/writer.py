@@ -103,12 +103,21 @@ class FrameWriter:
             self._frames.publisher_builder().initial_max_slice_len(self._largest)
             .allocation_strategy(growing).backpressure_strategy(discarding)
             .max_loaned_samples(MAX_LOANS + 1).create())
-        self._notifier = events.create().notifier_builder().create()
+        self._notifier: Any = events.create().notifier_builder().create()
 
     @property
     def readers(self) -> int:
         """Return the number of readers."""
         return int(self._frames.dynamic_config.number_of_subscribers)
+
+    def end(self) -> None:
+        """
+        Send nothing more. Readers leave when they have received all frames.
+
+        iceoryx2 opens a segment for a reader with the first frame that it receives from it. If the
+        writer is gone by then, the frames in the segment are lost in silence.
+        """
+        self._notifier = None
 
     def lend(self, size: int) -> Slot:
         """

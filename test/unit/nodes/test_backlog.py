@@ -51,6 +51,16 @@ class Channel:
         return self.is_confirmed
 
 
+class SharedChannel:
+    """A publisher of shared frames."""
+
+    topic_name = '/images/shm'
+    has_readers = has_ended = False
+
+    def end(self) -> None:
+        self.has_ended = True
+
+
 class FakeLog:
     """A log with the clock that only ``sleep`` advances."""
 
@@ -157,6 +167,28 @@ def test_end_with_messages_that_are_confirmed_late(log: FakeLog, seconds: float)
     log.on_sleep = lambda: setattr(channel, 'is_confirmed', log.now >= later)
     assert backlog.confirm_all()
     assert log.now == pytest.approx(later, abs=0.01)
+
+
+@pytest.mark.parametrize('seconds', [0.0, 7.3, 24.9])
+def test_end_with_frames_that_readers_receive_late(log: FakeLog, seconds: float) -> None:
+    channel, first, second = Channel(10), SharedChannel(), SharedChannel()
+    backlog = Backlog([channel], Log(log), log.clock, log.sleep)
+    first.has_readers = True
+    log.on_sleep = lambda: setattr(first, 'has_readers', log.now < 100 + seconds)
+    assert backlog.confirm_all([first, second])
+    assert (first.has_ended, second.has_ended) == (True, True)
+    assert log.now == pytest.approx(100 + seconds, abs=0.01)
+    assert [text for _, text in log.lines] == [WAITING_LINE] * (seconds > 2)
+
+
+def test_end_with_frames_that_a_reader_does_not_receive(log: FakeLog) -> None:
+    first, second = SharedChannel(), SharedChannel()
+    backlog = Backlog([Channel(10)], Log(log), log.clock, log.sleep)
+    second.has_readers = True
+    assert not backlog.confirm_all([first, second])
+    assert log.now == pytest.approx(100 + 25, abs=0.01)
+    assert log.lines[2:] == [(25.0, 'up to 16 of the last frames on /images/shm were not received '
+                                    'by each subscriber; they may be lost')]
 
 
 def test_stop_ends_the_wait_at_the_end(log: FakeLog) -> None:

@@ -71,7 +71,7 @@ def test_subscribers_are_waited_for_after_a_failure(
     backlog = loop._topics.backlog
     waits: list[str] = []
     wait_for_room = backlog.wait_for_room
-    monkeypatch.setattr(backlog, 'confirm_all', lambda: waits.append('all'))
+    monkeypatch.setattr(backlog, 'confirm_all', lambda _: waits.append('all'))
     monkeypatch.setattr(backlog, 'wait_for_room', lambda: (
         waits.append('room'), path.unlink(missing_ok=True), wait_for_room()))
     assert loop.run() == EXIT_FAILURE

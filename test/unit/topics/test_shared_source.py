@@ -468,8 +468,9 @@ def test_shared_frames_at_close(
     assert viewer.numbers['ours'] == [*range(1, ours.sent + 1)]
 
 
+@pytest.mark.parametrize('growth', [0, 1, 10_000])
 @pytest.mark.parametrize('end', ['of the writer', 'of the subscription'])
-def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
+def test_frames_of_a_file_that_wait_in_the_memory(end: str, growth: int) -> None:
     publisher = bytes(range(16))
     writer = process_memory().create_writer(1, overwrites=False)
     origin = Origin(publisher, writer.service, publisher_identity(publisher, TOPIC))
@@ -481,7 +482,7 @@ def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
     for number in range(1, MAX_DEPTH + 1):
         header = FrameHeader(number=number, height=1, width=1, step=1, sec=number)
         header.identity[:] = origin.identity
-        slot = writer.lend(1)
+        slot = writer.lend(1 + growth * number)
         slot.data[:] = number
         assert slot.publish(header, '', 'mono8')
     wait_until(lambda: queue.is_full, 'a full queue')
@@ -496,12 +497,10 @@ def test_frames_of_a_file_that_wait_in_the_memory(end: str) -> None:
         return len(numbers) == MAX_DEPTH
 
     if end == 'of the writer':
+        writer.end()
+        wait_until(lambda: not writer.readers, 'the end of the reader')
         del slot, writer
         gc.collect()
-        rounds: list[None] = []
-        wait = source._wait
-        source._wait = lambda: rounds.append(wait())
-        wait_until(lambda: rounds, 'a round of the thread that began after the end')
         wait_until(pop, 'all frames')
         wait_until(lambda: isinstance(source.error, WriterEndedError), 'the end of the source')
     else:

@@ -192,6 +192,32 @@ def test_reader_without_writer(memory: FrameMemory) -> None:
     assert reader.receive() is None
 
 
+@pytest.mark.parametrize('sizes', [(54,), (54,) * 6, (108, 324, 54, 9000), (1, 10**4, 10**6)])
+@pytest.mark.parametrize('count', [0, 1], ids=['none received', 'one received'])
+@pytest.mark.parametrize('overwrites', [False, True])
+def test_frames_before_the_end_of_a_writer(
+        memory: FrameMemory, sizes: Sequence[int], count: int, overwrites: bool) -> None:
+    writer = memory.create_writer(sizes[0], overwrites=overwrites)
+    reader = memory.open_reader(writer.service, 10)
+    frames = []
+    for number, size in enumerate(sizes):
+        publish(writer, random_pixels(size))
+        if number < count:
+            frames.append(receive(reader))
+    writer.end()
+    assert not reader.has_writer
+    while frame := reader.receive():
+        frames.append(frame)
+    assert writer.readers == 1
+    reader.close()
+    assert writer.readers == 0
+    del writer
+    gc.collect()
+    assert [frame.data.size for frame in frames] == [*sizes]
+    for frame in frames:
+        assert np.array_equal(frame.data, random_pixels(frame.data.size))
+
+
 any_header = given(
     sizes=strategies.tuples(*[strategies.one_of(
         strategies.integers(0, 30), strategies.integers(0, 2**32 - 1))] * 3),
