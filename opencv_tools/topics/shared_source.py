@@ -103,12 +103,7 @@ class SharedSource:
 
         :raises SharedMemoryError: the memory cannot be read, or belongs to another publisher.
         """
-        keeps_all = self._delays_writer and not self._queue.keeps_newest
-        with self._lock:
-            for _ in range(_MAX_FRAMES):
-                if not self._take():
-                    return
-                self._put(keeps_all=keeps_all)
+        self._receive_in_order(may_wait=False)
 
     def close(self) -> None:
         """Discard the frames that wait. The thread ends soon."""
@@ -138,22 +133,23 @@ class SharedSource:
         way = self._way
         is_notified = self._reader.wait(_WAIT_SECONDS)
         has_writer = is_notified or self._reader.has_writer
-        are_all_received = self._receive_in_order(has_writer)
+        are_all_received = self._receive_in_order(may_wait=has_writer)
         if self._way is not way or self.is_overdue:
             self._on_change()
         if are_all_received and not has_writer:
             raise WriterEndedError('its writer has ended')
 
-    def _receive_in_order(self, has_writer: bool) -> bool:
+    def _receive_in_order(self, *, may_wait: bool) -> bool:
         """
         Put waiting frames into the queue, and return whether none is left.
 
-        If their publisher waits, they wait for earlier messages, and until its end for room in the
-        queue.
+        If their publisher waits, they wait for earlier messages.
+
+        :param may_wait: whether they also wait for room in the queue.
         """
-        keeps_all = self._delays_writer and not (has_writer or self._queue.keeps_newest)
+        keeps_all = self._delays_writer and not (may_wait or self._queue.keeps_newest)
         for _ in range(_MAX_FRAMES):
-            if self._delays_writer and has_writer and not self._queue.wait_for_room(_WAIT_SECONDS):
+            if self._delays_writer and may_wait and not self._queue.wait_for_room(_WAIT_SECONDS):
                 return False
             with self._lock:
                 if not self._take():

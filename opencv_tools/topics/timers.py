@@ -24,29 +24,6 @@ from rclpy.node import Node
 from rclpy.timer import Timer
 
 
-class Delay:
-    """Call a function once, some time after the first of several requests."""
-
-    def __init__(self, node: Node, seconds: float, call: Callable[[], object]) -> None:
-        """
-        Create an inactive delay.
-
-        :param seconds: time from the first request to the call, in seconds.
-        :param call: function to call.
-        """
-        self._call = call
-        self._timer = create_steady_timer(node, seconds, self._fire, is_active=False)
-
-    def request(self) -> None:
-        """Request a call, unless one is pending."""
-        if self._timer.is_canceled():
-            self._timer.reset()
-
-    def _fire(self) -> None:
-        self._timer.cancel()
-        self._call()
-
-
 def create_steady_timer(
     node: Node, seconds: float, call: Callable[[], object], group: CallbackGroup | None = None, *,
     is_active: bool = True,

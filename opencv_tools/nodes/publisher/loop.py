@@ -35,6 +35,7 @@ from opencv_tools.capture.v4l2.camera import CameraSource
 from opencv_tools.image.errors import ConversionError, ImageError
 from opencv_tools.nodes.parameters import with_values
 from opencv_tools.nodes.publisher.camera_controls import CameraControls
+from opencv_tools.nodes.publisher.delay import Delay
 from opencv_tools.nodes.publisher.diagnostics import Diagnostics, SourceStatus
 from opencv_tools.nodes.publisher.image_topics import ImageTopics
 from opencv_tools.nodes.publisher.parameters import PublisherSettings
@@ -44,7 +45,6 @@ from opencv_tools.nodes.run_node import EXIT_FAILURE, EXIT_OK
 from opencv_tools.nodes.video_settings import check_video
 from opencv_tools.topics.errors import ParameterError
 from opencv_tools.topics.frame_topics import describe_partly_sent
-from opencv_tools.topics.timers import Delay
 from rclpy.node import Node
 from std_srvs.srv import SetBool
 

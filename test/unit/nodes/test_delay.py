@@ -20,7 +20,7 @@ from functools import partial
 import operator
 
 from conftest import spin_until
-from opencv_tools.topics.timers import Delay
+from opencv_tools.nodes.publisher.delay import Delay
 from rclpy.node import Node
 
 
