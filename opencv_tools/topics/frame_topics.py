@@ -207,7 +207,7 @@ class FrameTopics:
         Those that were shared without a message of the image topic count for ``<topic>/shm``.
         """
         return {
-            self.images.topic_name: self.shared.messages,
+            self.name: self.shared.messages,
             self.shared.topic_name: self.shared.frames - self.shared.messages,
             **{topic.topic_name: topic.sent for topic in (self.compressed, self.depth)},
             **(self.video.sent if self.video else {})}

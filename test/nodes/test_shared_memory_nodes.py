@@ -215,6 +215,29 @@ def test_frames_before_the_end_of_a_publisher(
     viewer.wait_until(lambda: viewer.frames[-1][1] == camera.sent)
 
 
+@pytest.mark.parametrize('is_stopped', [False, True])
+def test_end_of_publishers_while_a_reader_is_stopped(
+        node: Node, remote_viewer: Callable[..., RemoteViewer], monkeypatch: pytest.MonkeyPatch,
+        capfd: pytest.CaptureFixture[str], is_stopped: bool) -> None:
+    monkeypatch.setattr(
+        shared_publisher, '_LEAVE_SECONDS', 0.1 if is_stopped else LONGEST_SECONDS)
+    camera = Camera(node)
+    viewer = remote_viewer()
+
+    def send_until_shared() -> bool:
+        camera.send()
+        return viewer.has_shared(5)
+
+    viewer.wait_until(send_until_shared)
+    if is_stopped:
+        viewer.signal(signal.SIGSTOP)
+    camera.destroy()
+    count = min(camera.sent, MAX_DEPTH)
+    warning = f'up to {count} of the last frames on {TOPIC}/shm were not received by each'
+    assert capfd.readouterr().err.count(warning) == is_stopped
+    assert sum(camera.frames.sent.values()) == camera.sent - camera.frames.without_subscribers
+
+
 def test_killed_publishers(memory: Callable[[float], Memory],
                            remote_camera: Callable[..., RemoteCamera],
                            remote_viewer: Callable[..., RemoteViewer]) -> None:

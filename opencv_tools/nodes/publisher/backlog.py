@@ -22,7 +22,6 @@ import time
 
 from opencv_tools.base.logs import Log
 from opencv_tools.topics.compressed_topic import CompressedTopic
-from opencv_tools.transport.shared_frames.memory import MAX_DEPTH
 from opencv_tools.transport.shared_frames.publisher import SharedFramePublisher
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
@@ -111,7 +110,8 @@ class Backlog:
         """
         Wait at the end of a file until all messages are confirmed; log how many are not.
 
-        :param shared: publishers of shared frames, which share no more from now on.
+        :param shared: publishers of shared frames, which share no more from now on. Their
+            ``destroy`` logs how many are not received.
         :returns: whether all frames are received, or ``stop`` was called.
         """
         self._may_wait, self._seconds = True, _END_SECONDS
@@ -125,10 +125,6 @@ class Backlog:
         if count:
             self._log.error(f'up to {count} of the last messages on {topic} were not received by '
                             'each reliable subscriber; they may be lost')
-        for publisher in shared:
-            if publisher.has_readers:
-                self._log.error(f'up to {MAX_DEPTH} of the last frames on {publisher.topic_name} '
-                                'were not received by each subscriber; they may be lost')
         return False
 
     def deliver(self, send: Callable[[], bool]) -> bool:

@@ -180,7 +180,9 @@ class ImageTopics:
             topics.use_video(settings, rate)
 
     def close(self) -> None:
-        """Stop sharing frames."""
+        """Stop sharing frames, with one wait for all readers."""
+        for topics in self.outputs:
+            topics.frames.shared.end()
         for topics in self.outputs:
             topics.frames.shared.destroy()
 

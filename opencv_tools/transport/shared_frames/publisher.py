@@ -28,7 +28,7 @@ from opencv_tools.image.cdr import WireImage
 from opencv_tools.transport import zero_copy
 from opencv_tools.transport.shared_frames.announcement import announce, SUFFIX
 from opencv_tools.transport.shared_frames.header import FrameHeader, publisher_identity
-from opencv_tools.transport.shared_frames.memory import process_memory
+from opencv_tools.transport.shared_frames.memory import MAX_DEPTH, process_memory
 from opencv_tools.transport.shared_frames.pages import SharedMemoryError
 from opencv_tools.transport.shared_frames.writer import FrameWriter, MAX_LOANS, Slot
 from opencv_tools.transport.zero_copy import publish_image
@@ -80,7 +80,7 @@ class SharedFramePublisher:
         self._writer: FrameWriter | None = None
         self._ended: FrameWriter | None = None  # while readers receive its last frames
         self._is_announced = False
-        self._next_check = 0.0
+        self._next_check = self._leave_by = 0.0
         #: Number of frames published in any way, and on the image topic.
         self.frames = self.messages = 0
         self._announced_only_shared = 0
@@ -159,17 +159,20 @@ class SharedFramePublisher:
             if self._writer:
                 self._writer.end()
                 self._ended, self._writer = self._writer, None
-                self._next_check = 0.0
+                self._leave_by, self._next_check = time.monotonic() + _LEAVE_SECONDS, 0.0
             if self._announcements is not None:
                 self._node.destroy_publisher(self._announcements)
                 self._announcements = None
 
     def destroy(self) -> None:
-        """Stop sharing and remove the publisher, after a short wait for its readers."""
+        """Stop sharing and remove the publisher. Readers have 1 s from its end to leave."""
         self.end()
-        give_up_at = time.monotonic() + _LEAVE_SECONDS
-        while self.has_readers and time.monotonic() < give_up_at:
+        while self.has_readers and time.monotonic() < self._leave_by:
             time.sleep(_POLL_SECONDS)
+        if self.has_readers:
+            self._log.warning(
+                f'up to {min(self.frames, MAX_DEPTH)} of the last frames on {self.topic_name} '
+                'were not received by each subscriber; they may be lost')
         self._ended = None
 
     def _share(self, image: WireImage, is_message: bool, slot: Slot | None) -> bool:

@@ -54,7 +54,6 @@ class Channel:
 class SharedChannel:
     """A publisher of shared frames."""
 
-    topic_name = '/images/shm'
     has_readers = has_ended = False
 
     def end(self) -> None:
@@ -187,8 +186,7 @@ def test_end_with_frames_that_a_reader_does_not_receive(log: FakeLog) -> None:
     second.has_readers = True
     assert not backlog.confirm_all([first, second])
     assert log.now == pytest.approx(100 + 25, abs=0.01)
-    assert log.lines[2:] == [(25.0, 'up to 16 of the last frames on /images/shm were not received '
-                                    'by each subscriber; they may be lost')]
+    assert log.lines == [(2.0, WAITING_LINE), (25.0, TIMEOUT_LINE.replace('10', '25'))]
 
 
 def test_stop_ends_the_wait_at_the_end(log: FakeLog) -> None:
