@@ -175,12 +175,7 @@ def test_nothing_is_written_for_killed_readers(
         node: Node, remote_viewer: Callable[..., RemoteViewer]) -> None:
     camera = Camera(node)
     killed = remote_viewer()
-
-    def send_until_shared() -> bool:
-        camera.send()
-        return killed.has_shared(5)
-
-    killed.wait_until(send_until_shared)
+    send_until(camera, killed, lambda: killed.has_shared(5))
     killed.kill()
 
     def send_until_unread() -> bool:
@@ -197,12 +192,7 @@ def test_frames_before_the_end_of_a_publisher(
     monkeypatch.setattr(shared_publisher, '_LEAVE_SECONDS', LONGEST_SECONDS)
     camera = Camera(node)
     viewer = remote_viewer(held=3)
-
-    def send_until_shared() -> bool:
-        camera.send()
-        return viewer.has_shared(5)
-
-    viewer.wait_until(send_until_shared)
+    send_until(camera, viewer, lambda: viewer.has_shared(5))
     viewer.signal(signal.SIGSTOP)
     for number in range(count):
         camera.send(height=100 << number)  # in memory that is new to the reader
@@ -223,12 +213,7 @@ def test_end_of_publishers_while_a_reader_is_stopped(
         shared_publisher, '_LEAVE_SECONDS', 0.1 if is_stopped else LONGEST_SECONDS)
     camera = Camera(node)
     viewer = remote_viewer()
-
-    def send_until_shared() -> bool:
-        camera.send()
-        return viewer.has_shared(5)
-
-    viewer.wait_until(send_until_shared)
+    send_until(camera, viewer, lambda: viewer.has_shared(5))
     if is_stopped:
         viewer.signal(signal.SIGSTOP)
     camera.destroy()

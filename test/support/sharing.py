@@ -376,8 +376,8 @@ def remote_viewer(tmp_path: Path) -> Iterator[Callable[..., RemoteViewer]]:
         viewer.kill()
 
 
-def send_until(camera: RemoteCamera, viewer: RemoteViewer, condition: Callable[[], bool],
-               *picture: object) -> None:
+def send_until(camera: Camera | RemoteCamera, viewer: RemoteViewer,
+               condition: Callable[[], bool], *picture: object) -> None:
     """
     Publish, a few frames ahead of a viewer or a few per second, until a condition holds.
 
